@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -11,10 +12,11 @@ from pumaid.design.candidate_runs import JointCandidates, postures, speeds, swee
 from pumaid.design.collision import Collision
 from pumaid.design.information import CandidateInformation, candidate_information, existing_names
 from pumaid.design.prior import Prior, random_robots
+from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
 from pumaid.structure import minimal
-from pumaid.trajectory import Motion
+from pumaid.trajectory import Motion, Plan
 
 
 @cache
@@ -49,3 +51,11 @@ def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.
 def motions_of(candidates: CandidateInformation, numbers: Sequence[int]) -> list[Motion]:
     """The runs of some candidates."""
     return [m for c in numbers for m in candidates.candidate(c).motions]
+
+
+def write_short_plan(path: Path) -> None:
+    """A plan of four short runs of the pendulum, in the form that the file's name says."""
+    ways = [(joint, end, -end) for joint in (1, 2) for end in (0.3, -0.3)]
+    motions = tuple(Motion(joint, (0.3, 0.3), start, end, 1.0) for joint, start, end in ways)
+    plan = Plan(arm("pendulum2").name, motions)
+    path.write_text(plan_text(plan, arm("pendulum2"), format=path.suffix[1:]), encoding="utf-8")

@@ -29,19 +29,10 @@ class Controller:
     v(t) = (q(t) - q(t-dt)) / dt of encoder readings; here it is that, averaged by a filter of the second order that
     follows a steady change without lag, over as short a time as leaves the current calm.
 
-    Parameters
-    ----------
-    truth
-        The robot, for its encoders.
-    period
-        s.
-
     Attributes
     ----------
-    position, velocity
-        (J,) rad or m by the encoders, and rad/s or m/s as the drives know it.
-    current
-        (J,) A.
+    position, velocity, current
+        (J,) rad or m by the encoders, rad/s or m/s as the drives know it, A.
     """
 
     def __init__(self, truth: Truth, *, period: float) -> None:

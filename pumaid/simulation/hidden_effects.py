@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -115,32 +115,16 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """One law.
-
-    Attributes
-    ----------
-    kind
-        How it acts.
-    keys
-        Names of its values, those of the catalogue's parameters and shapes. It acts in the current of the joint that
-        its value ``on`` names; without such a value in that of its joint.
-    usual
-        Values, in the order of `keys`, that show at a joint like that but do not rule it.
-    current
-        (N,) A by the joint's state and the values (and by the whole current before them, of a law that changes it);
-        none for laws of bodies and clocks, which the virtual robot applies itself.
-    is_of_arm
-        Whether it is the whole arm's and not a joint's.
-    needs_masses
-        Whether constants in amperes do not do.
-    """
+    """One law, which acts in the current of the joint that its value ``on`` names; without such a value in its own."""
 
     kind: Kind
-    keys: tuple[str, ...]
-    usual: Callable[[Typical], tuple[float, ...]]
+    keys: tuple[str, ...]  # names of its values, those of the catalogue's parameters and shapes
+    usual: Callable[[Typical], tuple[float, ...]]  # values that show at a joint like that but do not rule it
+    # (N,) A by the joint's state, the whole current before a law that changes it, and the values; none for laws of
+    # bodies and clocks, which the virtual robot applies itself.
     current: Callable[..., Floats] | None = None
-    is_of_arm: bool = False
-    needs_masses: bool = False
+    is_of_arm: bool = False  # the whole arm's and not a joint's
+    needs_masses: bool = False  # constants in amperes do not do
 
 
 def _counterbalance(at: JointState, a: float, length: float, angle: float) -> Floats:
@@ -198,16 +182,10 @@ LAWS = {
         _waves,
     ),
     "spring": Law(
-        Kind.LOAD,
-        ("a",),
-        lambda joint: (joint.coulomb / joint.half_span,),
-        lambda at, a: a * at.of("position"),
+        Kind.LOAD, ("a",), lambda joint: (joint.coulomb / joint.half_span,), lambda at, a: a * at.of("position")
     ),
     "counterbalance": Law(
-        Kind.LOAD,
-        ("a", "length", "angle"),
-        lambda joint: (joint.coulomb, 0.6, 0.5),
-        _counterbalance,
+        Kind.LOAD, ("a", "length", "angle"), lambda joint: (joint.coulomb, 0.6, 0.5), _counterbalance
     ),
     "presliding": Law(
         Kind.FRICTION,
@@ -262,9 +240,7 @@ LAWS = {
         Kind.CURRENT,
         ("a", "time_constant"),
         lambda joint: (0.15, 600.0),
-        lambda at, current, a, time_constant: (
-            current * (1.0 + a * (1.0 - np.exp(-np.maximum(at.time, 0.0) / time_constant)))
-        ),
+        lambda at, current, a, time_constant: current - a * current * np.expm1(-np.maximum(at.time, 0) / time_constant),
     ),
     "torque_droop": Law(
         Kind.CURRENT,
@@ -311,13 +287,7 @@ def values_of(hidden: Sequence[Hidden], effect: str, key: str, *, n_joints: int)
 
 
 def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
-    """(J,) s by which each joint's current is stamped late.
-
-    Raises
-    ------
-    ModelError [hide-wrong]
-        It is early, or later than `LATEST`.
-    """
+    """(J,) s by which each joint's current is stamped late; early, or later than `LATEST`, is refused (hide-wrong)."""
     late = values_of(hidden, "delay", "dt", n_joints=n_joints)
     if not np.all((late >= 0.0) & (late <= LATEST)):
         what = f"a current cannot be logged {float(late[np.argmax(np.abs(late))]):g} s late"
@@ -328,15 +298,7 @@ def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
 def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: bool) -> tuple[Hidden, ...]:
     """Hidden effects with all their values, one a joint where an effect of joints names none.
 
-    Parameters
-    ----------
-    hidden
-        As named by a user; values that are missing follow from the arm: a part of the joint's Coulomb friction, of its
-        load, of its speed.
-    usual
-        Of every joint of the arm.
-    has_masses
-        Whether the arm's masses are known.
+    Values that are missing follow from what is usual of every joint of the arm.
 
     Raises
     ------
@@ -352,9 +314,7 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: boo
         is_for_all = effect.joint is None and not law.is_of_arm
         joints = usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]
         full = [
-            replace(
-                effect, joint=joint.joint if is_for_all else effect.joint, values=_usual(law, joint) | effect.values
-            )
+            Hidden(effect.effect, joint.joint if is_for_all else effect.joint, _usual(law, joint) | effect.values)
             for joint in joints
         ]
         finite = [entry for entry in full if all(map(math.isfinite, entry.values.values()))]
@@ -375,35 +335,30 @@ def _usual(law: Law, joint: Typical) -> dict[str, float]:
 
 
 def parse(text: str, robot: Robot) -> Hidden:
-    """A hidden effect as the command line writes it: ``EFFECT[@JOINT][:key=value,...]``, with no other values.
+    """A hidden effect as the command line writes it, ``EFFECT[@JOINT][:key=value,...]``, with no other values.
 
-    The joint is a number from 1, a joint's name or ``all``.
-
-    Raises
-    ------
-    ModelError [hide-wrong]
-        No such effect, joint or value; the nearest right one is named.
+    The joint is a number from 1, a joint's name or ``all``; what is not known is refused (hide-wrong) with the nearest
+    right name.
     """
     head, _, tail = text.partition(":")
     name, _, joint = head.partition("@")
     if name not in LAWS:
-        raise _refusal(text, f"{name!r} is no effect that simulate can hide", name, list(LAWS))
-    law = LAWS[name]
-    number = _joint(text, joint, robot)
+        raise _refusal(text, f"{name!r} is no effect that simulate can hide", _nearest(name, LAWS))
+    law, number = LAWS[name], _joint(text, joint, robot)
     if law.is_of_arm and number is not None:
-        raise _refusal(text, f"{name} belongs to the whole arm", "", [f"--hide {name}"])
+        raise _refusal(text, f"{name} belongs to the whole arm", f"--hide {name}")
     values = {}
     for part in filter(None, tail.split(",")):
         key, _, value = part.partition("=")
         if key not in law.keys:
-            raise _refusal(text, f"{name} has no value {key!r}", key, list(law.keys))
+            raise _refusal(text, f"{name} has no value {key!r}", _nearest(key, law.keys))
         try:
             values[key] = float(value)
         except ValueError:
-            raise _refusal(text, f"{key} is {value!r}, which is no number", "", list(law.keys)) from None
+            raise _refusal(text, f"{key} is {value!r}, which is no number", f"give a number for {key}") from None
         if not abs(values[key]) <= GREATEST:
-            what, mend = f"{key} is {value}, not a finite number up to {GREATEST:g}", f"give {key} a smaller number"
-            raise ModelError("hide-wrong", what, Where(field=f"--hide {text}"), mend)
+            what = f"{key} is {value}, not a finite number up to {GREATEST:g}"
+            raise _refusal(text, what, f"give a smaller number for {key}")
     return Hidden(name, number, values)
 
 
@@ -413,11 +368,15 @@ def _joint(text: str, joint: str, robot: Robot) -> int | None:
     names = {axis.name: axis.number for axis in robot.joints}
     number = names.get(joint) or (int(joint) if joint.isdecimal() else 0)
     if not 1 <= number <= robot.n_joints:
-        raise _refusal(text, f"{robot.name} has no joint {joint!r}", joint, [*names, *map(str, names.values())])
+        mend = _nearest(joint, [*names, *map(str, names.values())])
+        raise _refusal(text, f"{robot.name} has no joint {joint!r}", mend)
     return number
 
 
-def _refusal(text: str, what: str, word: str, choices: list[str]) -> ModelError:
+def _nearest(word: str, choices: Iterable[str]) -> str:
     near = difflib.get_close_matches(word, choices, n=1)
-    mend = f"did you mean {near[0]}?" if near else f"known: {', '.join(choices)}"
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(choices)}"
+
+
+def _refusal(text: str, what: str, mend: str) -> ModelError:
     return ModelError("hide-wrong", what, Where(field=f"--hide {text}"), mend)

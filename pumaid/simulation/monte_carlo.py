@@ -44,7 +44,7 @@ class Bench:
     """
 
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
-        self.truth, self.rate = truth, rate
+        self.truth, self.plan, self.rate = truth, plan, rate
         starts = run_times(truth.robot, plan)[:, 0]
         self._first = first_starts(plan, starts, n_joints=truth.robot.n_joints)
         self._runs: list[Run] = []

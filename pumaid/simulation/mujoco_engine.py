@@ -35,23 +35,15 @@ _ROUNDS = 8
 def mjcf(truth: Truth, *, step: float = 0.001) -> str:
     """The arm of a virtual robot as MJCF text, with steps of `step` (s); joints are measured as in the recipe.
 
-    Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis, frames being those of the recipe (modified
-    Denavit-Hartenberg). Masses and centres are the truth's, inertia tensors those of solid cylinders of the links'
-    lengths, ``armature`` the motors' inertia. Dry friction is ``frictionloss``, half the sum of both directions'
-    Coulomb terms; where gears couple joints it is that of tendons ``shaft<k>``. A hidden tilt turns gravity, hidden
-    inertia is the motor's. The rest is left to whoever steps the model: see `RigidArm`.
+    Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis, frames being those of the recipe. Inertia
+    tensors are those of solid cylinders of the links' lengths, ``armature`` the motors' inertia. Dry friction is
+    ``frictionloss``, half the sum of both directions' Coulomb terms; where gears couple joints it is that of tendons
+    ``shaft<k>``. A hidden tilt turns gravity, hidden inertia is the motor's; the rest is left to `RigidArm`.
 
     Raises
     ------
     ModelError [physics-wrong]
         A motor's inertia counts against its gain.
-
-    Examples
-    --------
-    >>> from pumaid.simulation import draw, table1
-    >>> text = mjcf(draw(table1.robot(), 3))
-    >>> text.count("<body")
-    6
     """
     armature, dry = motor_inertia(truth) / truth.gain, truth.coulomb / np.abs(truth.gain)
     if np.any(armature < 0):
@@ -123,19 +115,16 @@ def motor_inertia(truth: Truth) -> Floats:
 class RigidArm:
     """A virtual arm in MuJoCo that is driven by motor currents, in amperes and SI, signs as in the logs.
 
-    The engine solves the arm's dynamics and its dry friction (as a constraint: a joint at rest stays there until the
-    motor's surplus passes the break-away level, `Truth.breakaway` times Coulomb friction). Coulomb friction that
-    differs between directions is its mean and a constant push; viscous friction is by direction. Where the recipe's
-    gears couple joints, motors and their friction act on shafts, which push all joints that turn them. Hidden loads and
+    The engine solves the arm's dynamics and its dry friction, as a constraint: a joint at rest stays there until the
+    motor's surplus passes the break-away level. Coulomb friction that differs between directions is its mean and a
+    constant push. Where the recipe's gears couple joints, motors and their friction act on shafts. Hidden loads and
     friction act at the joints; a payload is a body that comes at its time; what stands elsewhere than the encoders
     tell (an offset, a drive that sags) is in `reading`.
 
     Parameters
     ----------
-    truth
-        The robot.
-    step
-        s of the engine's steps.
+    truth, step
+        The robot; s of the engine's steps.
     grip
         Velocity of the shafts (J,) -> (J,) times Coulomb friction: the dry friction that the engine holds against them.
         Where not given, `Truth.breakaway` at rest and 1 in motion.
@@ -146,18 +135,6 @@ class RigidArm:
         MuJoCo's own ``MjModel`` and ``MjData``, open to anybody.
     state
         What hidden effects depend on; its `time`, `first` and `temperature` are set by whoever steps the arm.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pumaid.simulation import draw, table1
-    >>> truth = draw(table1.robot(), 3)
-    >>> arm = RigidArm(truth, step=0.004)
-    >>> arm.place(np.zeros(6))
-    >>> for _ in range(250):  # a second of holding the arm against its weight
-    ...     arm.advance(truth.gravity_current(arm.position[None])[0])
-    >>> bool(np.max(np.abs(arm.position)) < 1e-5)
-    True
     """
 
     def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:

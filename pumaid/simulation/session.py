@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,22 +46,16 @@ def simulate(
     """A virtual robot executes a plan, motion by motion, and logs what a real one would.
 
     It goes to each motion's start with all joints at once, rests, runs, rests, in closed loop under the controller of
-    the paper's experiment. Logs have the steps of encoders and sensors, noise that is correlated from sample to sample
-    and a level for each run. They come in order of time, one a movement; those of one file share their `origin`
-    (``session_01`` ...).
+    the paper's experiment. Logs come in order of time, one a movement; those of one file share their `origin`.
 
     Parameters
     ----------
     robot, plan
         J joints, and motions in the order of their execution.
-    seed
-        Same seed, same robot and same noise.
-    truth
-        The virtual robot; drawn from `seed` where not given.
-    rate
-        Samples a second, 1 to 1000.
-    runs_per_file
-        Planned motions in one file.
+    seed, truth
+        Same seed, same noise; the virtual robot, drawn from the seed where not given.
+    rate, runs_per_file
+        Samples a second, 1 to 1000; planned motions in one file.
     has_velocity, has_temperature
         Whether the log has them; temperatures it has anyway where something hidden depends on them.
 
@@ -74,16 +69,8 @@ def simulate(
     """
     _check_plan(robot, plan, rate)
     truth = draw(robot, seed) if truth is None else truth
-    session = _Session(
-        truth,
-        plan,
-        seed=seed,
-        rate=rate,
-        runs_per_file=runs_per_file,
-        has_velocity=has_velocity,
-        has_temperature=has_temperature or truth.hides("thermal_friction"),
-    )
-    return session.logs()
+    options = _Options(rate, runs_per_file, has_velocity, has_temperature or truth.hides("thermal_friction"))
+    return _Session(truth, plan, options, seed=seed).logs()
 
 
 def _check_plan(robot: Robot, plan: Plan, rate: float) -> None:
@@ -104,31 +91,27 @@ def _check_plan(robot: Robot, plan: Plan, rate: float) -> None:
             raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
 
 
+class _Options(NamedTuple):
+    """Of the logs."""
+
+    rate: float
+    runs_per_file: int
+    has_velocity: bool
+    has_temperature: bool
+
+
 class _Session:
     """A virtual robot at work."""
 
-    def __init__(
-        self,
-        truth: Truth,
-        plan: Plan,
-        *,
-        seed: int,
-        rate: float,
-        runs_per_file: int,
-        has_velocity: bool,
-        has_temperature: bool,
-    ) -> None:
-        self._truth, self._rate, self._rng = truth, rate, np.random.default_rng([seed, 2])
-        self._runs_per_file, self._has_velocity, self._has_temperature = runs_per_file, has_velocity, has_temperature
+    def __init__(self, truth: Truth, plan: Plan, options: _Options, *, seed: int) -> None:
+        self._truth, self._options, self._rng = truth, options, np.random.default_rng([seed, 2])
+        rate = self._rate = options.rate
         n = truth.robot.n_joints
         self._movements = list(trapezoids(truth.robot, plan))
-        ends = np.cumsum([self._samples(movement) for movement in self._movements]) / rate
-        starts = [
-            end - self._samples(movement) / rate + movement.lead
-            for movement, end in zip(self._movements, ends, strict=True)
-            if movement.motion is not None
-        ]
-        self._first = first_starts(plan, np.array(starts), n_joints=n)
+        lengths = np.array([self._samples(movement) for movement in self._movements]) / rate
+        starts = np.cumsum(lengths) - lengths + [movement.lead for movement in self._movements]
+        is_run = np.array([movement.motion is not None for movement in self._movements])
+        self._first = first_starts(plan, starts[is_run], n_joints=n)
         self._delays = delays(truth.hidden, n)
         self._late = np.zeros((0, n))
         self._noise, settled = self._rng.standard_normal(n), self._rng.uniform(-1.0, 1.0, n)
@@ -151,7 +134,7 @@ class _Session:
         sample, row, origin = 0, 2, ""
         step = self._truth.noise.current_step
         for movement in self._movements:
-            name = f"session_{(movement.number - 1) // self._runs_per_file + 1:02d}"
+            name = f"session_{(movement.number - 1) // self._options.runs_per_file + 1:02d}"
             row, origin = (row, origin) if name == origin else (2, name)
             with np.errstate(all="ignore"):  # what overflows is told below, once
                 position, velocity, current, temperature = self._execute(movement)
@@ -165,9 +148,9 @@ class _Session:
                 time=time,
                 position=position,
                 # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
-                velocity=np.round(velocity, 9) if self._has_velocity else None,
+                velocity=np.round(velocity, 9) if self._options.has_velocity else None,
                 current=np.round(current / step) * step if step > 0 else current,
-                temperature=np.round(temperature, 6) if self._has_temperature else None,
+                temperature=np.round(temperature, 6) if self._options.has_temperature else None,
                 starts_clock=sample == 0,
             )
             sample, row = sample + count, row + count
@@ -182,7 +165,7 @@ class _Session:
         controller.tune(self._truth.gain * inertia)
         out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
         currents[0] = controller.current
-        warming = -np.expm1(-arm.step / WARMING_TIME) if self._has_temperature else 0.0
+        warming = -np.expm1(-arm.step / WARMING_TIME) if self._options.has_temperature else 0.0
         for tick in range(count * ticks):
             current = controller.command(arm.reading, targets[tick], limits[tick])
             currents[tick + 1] = current

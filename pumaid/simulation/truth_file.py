@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -29,14 +29,12 @@ _GREATEST = 1e12
 def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     """Everything about a virtual robot, SI, JSON's own types.
 
-    `parameters` are those of the paper's model by their public names (in amperes, as `pumaid identify` gives them: the
-    constant load of a slide is part of its Coulomb terms, while `friction` is friction alone);
-    `gain` (A per N m or N), `mass` (kg) and `centre` (m, in each link's frame) are null for a robot that is known by
-    its constants alone; those are `constants`, of revolute and prismatic links alike.
+    `parameters` are in amperes, as `pumaid identify` gives them; `gain`, `mass` and `centre` are null for a robot that
+    is known by its constants alone.
     """
     has_masses = truth.given_constants is None
     digits = _DIGITS if has_masses else 17
-    rounded = {name: _short(value, digits) for name, value in _identifiable(truth).items()}
+    worth = _entries(truth.constants)
     return {
         "kind": "truth",
         "format": FORMAT,
@@ -44,19 +42,15 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
         "robot": truth.robot.name,
         "recipe": {"file": truth.robot.origin, "sha256": truth.robot.digest},
         "seed": truth.seed if seed is None else seed,
-        "parameters": rounded,
+        "parameters": {name: _short(value, digits) for name, value in _identifiable(truth).items()},
         "gain": truth.gain.tolist() if has_masses else None,
         "mass": truth.links.mass.tolist() if has_masses else None,
         "centre": truth.links.centre.tolist() if has_masses else None,
-        "constants": {
-            part: [_short(value, digits) for value in values] for part, values in _entries(truth.constants).items()
-        },
+        "constants": {part: [_short(value, digits) for value in values] for part, values in worth.items()},
         "friction": _entries(truth.friction),
         "inertia": truth.inertia.tolist(),
         "breakaway": truth.breakaway.tolist(),
-        "hidden": [
-            {"effect": hidden.effect, "joint": hidden.joint, "values": dict(hidden.values)} for hidden in truth.hidden
-        ],
+        "hidden": [asdict(hidden) for hidden in truth.hidden],
         "noise": _entries(truth.noise),
     }
 
@@ -85,49 +79,49 @@ def _short(value: float, digits: int) -> float:
 
 
 def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
-    """The virtual robot of a document, edited or not.
+    """The virtual robot of a document by `as_json`, edited or not, in the geometry of an arm.
 
-    Parameters
-    ----------
-    document
-        What `as_json` gave: masses, centres and gains where they are not null, else the constants; friction; noise.
-        `parameters` is passed over: it follows from the rest.
-    robot
-        The arm in whose geometry it moves.
-
-    Raises
-    ------
-    ModelError [truth-wrong]
-        It is no such document, or an entry is missing or has another number of joints.
+    `parameters` is passed over: it follows from the rest. What is missing or of another number of joints is refused
+    (truth-wrong).
     """
     if document.get("kind") != "truth" or document.get("format") != FORMAT:
         what = f"the document's kind is {document.get('kind')!r} and its format {document.get('format')!r}"
         raise ModelError("truth-wrong", what, mend="give a truth.json that pumaid simulate wrote")
     n, given = robot.n_joints, None
-    inertia = _array(document, "inertia", (n,))
+    per_joint = {"gain", "mass", "inertia", "breakaway", "std", "counts", "x", "y", *_names(Friction)}
+    shapes = {**dict.fromkeys(per_joint, (n,)), "centre": (n, 3), "ratio": (n - 1,)}
+
+    def arrays(part: Mapping[str, Any], *names: str) -> list[Floats]:
+        return [_array(part, name, shapes.get(name, ())) for name in names]
+
+    (inertia,) = arrays(document, "inertia")
     if document.get("mass") is not None:
-        links = Links(_array(document, "mass", (n,)), _array(document, "centre", (n, 3)))
-        gain = _array(document, "gain", (n,))
+        mass, centre, gain = arrays(document, "mass", "centre", "gain")
+        links = Links(mass, centre)
     else:
-        part = _part(document, "constants")
-        x, y, mass = (_array(part, name, (n,)) for name in ("x", "y", "mass"))
-        given = Constants(x, y, mass, _array(part, "ratio", (n - 1,)))
+        given = Constants(*arrays(_part(document, "constants"), *_names(Constants)))
         links, gain = links_of(robot, given, inertia)
     friction, noise = _part(document, "friction"), _part(document, "noise")
-    numbers = {name: float(_array(noise, name, ())) for name in ("level_share", "correlation_time", "current_step")}
-    counts = None if noise.get("counts") is None else _array(noise, "counts", (n,))
+    (std,) = arrays(noise, "std")
+    share, time, step = map(float, arrays(noise, "level_share", "correlation_time", "current_step"))
+    counts = None if noise.get("counts") is None else arrays(noise, "counts")[0]
+    # Truths of earlier versions state no break-away friction.
+    (breakaway,) = arrays({"breakaway": [BREAKAWAY] * n, **document}, "breakaway")
     return Truth(
-        robot=robot,
-        friction=Friction(*(_array(friction, entry.name, (n,)) for entry in fields(Friction))),
-        noise=Noise(_array(noise, "std", (n,)), **numbers, counts=counts),
-        links=links,
-        gain=gain,
-        inertia=inertia,
-        # Truths of earlier versions have none.
-        breakaway=_array({"breakaway": [BREAKAWAY] * n, **document}, "breakaway", (n,)),
+        robot,
+        Friction(*arrays(friction, *_names(Friction))),
+        Noise(std, share, time, step, counts),
+        links,
+        gain,
+        inertia,
+        breakaway,
         given_constants=given,
         hidden=tuple(_hidden(entry, n) for entry in document.get("hidden") or ()),
     )
+
+
+def _names(record: type[Friction | Constants]) -> list[str]:
+    return [entry.name for entry in fields(record)]
 
 
 def _hidden(entry: object, n_joints: int) -> Hidden:

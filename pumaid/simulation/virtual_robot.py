@@ -210,9 +210,7 @@ class Truth:
     @property
     def constants(self) -> Constants:
         """The paper's constants of this arm."""
-        if self.given_constants is not None:
-            return self.given_constants
-        return constants(self.robot, self.links, self.gain)
+        return self.given_constants or constants(self.robot, self.links, self.gain)
 
     @property
     def sides(self) -> Floats:
@@ -243,12 +241,7 @@ class Truth:
     def carried(self, position: Floats, elapsed: Floats) -> tuple[Floats, Floats]:
         """(N, J) A that the weight draws and (N, J) A that its moments across the axes would, hidden bodies included.
 
-        Parameters
-        ----------
-        position
-            (N, J) rad or m, as the encoders tell it.
-        elapsed
-            (N,) s since the arm's first run began.
+        The arm stands where its encoders tell `position` (N, J), `elapsed` (N,) s after its first run began.
         """
         arm = replace(self.robot, gravity=self.gravity())
         bodies = [(self.links, np.ones(len(position), dtype=bool))]
@@ -321,25 +314,20 @@ class Truth:
         """What is usual of every joint: of its friction, its speeds, and its loads over many postures."""
         robot, coulomb = self.robot, self.coulomb
         low, high = np.array([span(joint) for joint in robot.joints]).T
-        rng = np.random.default_rng(0)
-        postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
+        postures = low + np.random.default_rng(0).random((_POSTURES, robot.n_joints)) * (high - low)
         load = self.gravity_current(postures)
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
         across = side_load(robot, self.links, postures) * np.abs(self.gain)
-        quickest = np.where(robot.is_revolute, QUICKEST_TURN, QUICKEST_SLIDE)
-        return tuple(
-            Typical(
-                joint=j + 1,
-                coulomb=float(coulomb[j]),
-                speed=float(np.minimum(highest_speeds(robot), quickest)[j]),
-                acceleration=float(accelerations(robot)[j]),
-                half_span=float(0.5 * (high[j] - low[j])),
-                load=float(np.sqrt(np.mean(load[:, j] ** 2))),
-                peak_load=float(np.max(np.abs(load[:, j]))),
-                across=float(np.sqrt(np.mean(across[:, j] ** 2))),
-                coulomb_before=float(coulomb[j - 1 if j else min(1, robot.n_joints - 1)]),
-                last_mass=float(self.links.mass[-1]),
-                reach=float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0,
-            )
-            for j in range(robot.n_joints)
-        )
+        table = {
+            "coulomb": coulomb,
+            "speed": np.minimum(highest_speeds(robot), np.where(robot.is_revolute, QUICKEST_TURN, QUICKEST_SLIDE)),
+            "acceleration": accelerations(robot),
+            "half_span": 0.5 * (high - low),
+            "load": np.sqrt(np.mean(load**2, axis=0)),
+            "peak_load": np.max(np.abs(load), axis=0),
+            "across": np.sqrt(np.mean(across**2, axis=0)),
+            "coulomb_before": coulomb[np.where(np.arange(len(low)) > 0, np.arange(len(low)) - 1, min(1, len(low) - 1))],
+            "last_mass": np.full(len(low), self.links.mass[-1]),
+            "reach": np.full(len(low), float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0),
+        }
+        return tuple(Typical(j + 1, **{name: float(row[j]) for name, row in table.items()}) for j in range(len(low)))

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run
+from menus import write_short_plan
 from ruamel.yaml import YAML
 
 from pumaid.io.recipe import read_recipe
@@ -194,7 +195,7 @@ def test_pictures(folder):
 
 def test_absurd_sizes_are_not_hidden(folder):
     """Neither by --hide nor by an edited truth; what numpy says of them is not shown."""
-    run("plan", "--speeds", "0.5,0.7,0.95", "--postures", "2", "--replicates", "1")
+    write_short_plan(folder / "plan.yaml")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert "error[hide-wrong]" in run("simulate", "--hide", "stribeck@2:a=1e308", code=3).stderr
