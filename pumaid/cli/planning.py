@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
@@ -93,12 +93,13 @@ def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: C
     from pumaid.design.plan import check_plan, plan
     from pumaid.io.plan_file import read_plan
 
-    if given is not None:
-        read = read_plan(given, robot)
-        prior = _prior(options)
-        return check_plan(robot, read, prior=prior, setup=options.setup, seed=options.seed, tell=tell)
     if options.wanted is not None:
         return _plan_for(robot, options, tell)
+    read = None if given is None else read_plan(given, robot)
+    shared: dict[str, Any] = {"setup": options.setup, "seed": options.seed, "tell": tell}
+    shared["prior"] = _prior(options)
+    if read is not None:
+        return check_plan(robot, read, **shared)
     return plan(
         robot,
         minutes=options.minutes,
@@ -106,34 +107,25 @@ def make_plan(robot: Robot, options: PlanOptions, given: Path | None, *, tell: C
         postures_per_joint=options.postures,
         replicates=options.replicates,
         criterion=options.criterion,
-        prior=_prior(options),
-        setup=options.setup,
-        seed=options.seed,
-        tell=tell,
+        **shared,
     )
 
 
 def _plan_for(robot: Robot, options: PlanOptions, tell: Callable[[str], None]) -> Plan:
     """The runs that show an effect, or tell it from a rival."""
-    from dataclasses import replace
-
     from pumaid.diagnosis.plan_for_effect import plan_for_effect
     from pumaid.effect_spec import parse_effect
     from pumaid.experiment import Experiment
 
-    assert options.wanted is not None
-    wanted = parse_effect(options.wanted, robot, option="--for")
-    rival = None if options.against is None else parse_effect(options.against, robot, option="--against")
     recipe = Experiment(recipe=options.recipe).recipe_path
-    logs = Experiment(options.logs, recipe).dataset() if options.logs else None
     alone = replace(options, wanted=None, against=None, size=None, logs=())
     return plan_for_effect(
         robot,
-        wanted,
-        against=rival,
+        parse_effect(options.wanted or "", robot, option="--for"),
+        against=None if options.against is None else parse_effect(options.against, robot, option="--against"),
         size=options.size,
         whole=lambda: make_plan(robot, alone, None, tell=tell),
-        dataset=logs,
+        dataset=Experiment(options.logs, recipe).dataset() if options.logs else None,
         prior=_prior(options),
         seed=options.seed,
         tell=tell,

@@ -234,8 +234,8 @@ class Planner:
         table = self._candidates(joint, holds, _LOOK, only_extremes=True)
         if table.usable.any():
             return table
-        start, end = holds[0].copy(), holds[0].copy()
-        start[joint - 1], end[joint - 1] = table.sweeps[0].low, table.sweeps[0].high
+        moving = np.arange(self.robot.n_joints) == joint - 1
+        start, end = (np.where(moving, place, holds[0]) for place in (table.sweeps[0].low, table.sweeps[0].high))
         hit, name = self.collision.first_hit(start, end), self.robot.joint(joint).name
         why = "" if hit is None else f"; at home: {self.collision.describe(hit)}"
         raise ModelError(
@@ -247,23 +247,20 @@ class Planner:
 
     def _that_matter(self, joint: int, rng: np.random.Generator) -> list[int]:
         """Other joints (from 1) whose position changes what a joint's runs tell."""
-        holds = rng.uniform(-1.0, 1.0, (12, self.robot.n_joints)) * np.where(self.robot.is_revolute, np.pi, 0.5)
-        before = gravity_slopes(self.truths[:1], joint=joint, holds=holds, names=self.names)
-        out = []
-        for other in [n for n in range(1, self.robot.n_joints + 1) if n != joint]:
-            turned = holds.copy()
-            turned[:, other - 1] += 0.7
-            after = gravity_slopes(self.truths[:1], joint=joint, holds=turned, names=self.names)
-            if np.max(np.abs(after - before), initial=0.0) > 1e-9 * np.max(np.abs(before), initial=1e-300):
-                out.append(other)
-        return out
+        n = self.robot.n_joints
+        holds = rng.uniform(-1.0, 1.0, (12, n)) * np.where(self.robot.is_revolute, np.pi, 0.5)
+        turned = np.concatenate([holds, *(holds + 0.7 * np.eye(n)[other] for other in range(n))])
+        slopes = gravity_slopes(self.truths[:1], joint=joint, holds=turned, names=self.names)[0]
+        before, *after = np.split(slopes, n + 1)
+        least = 1e-9 * np.max(np.abs(before), initial=1e-300)
+        change = [np.max(np.abs(part - before), initial=0.0) for part in after]
+        return [other for other in range(1, n + 1) if other != joint and change[other - 1] > least]
 
     def _candidates(
         self, joint: int, holds: Floats, shares: Sequence[float], *, only_extremes: bool = False
     ) -> JointCandidates:
         ways = sweeps(self.robot, joint, speeds(self.robot, joint, shares))
-        if only_extremes:
-            ways = tuple(dict.fromkeys((ways[0], ways[-1])))
+        ways = tuple(dict.fromkeys((ways[0], ways[-1]))) if only_extremes else ways
         return JointCandidates(joint, holds, ways, usable(self.collision, holds, ways))
 
     def _judging(self, joint: int, shares: tuple[float, float]) -> tuple[Sweep, ...]:
@@ -273,11 +270,9 @@ class Planner:
 
     def _opening_seconds(self) -> Floats:
         """(L,) s that it costs to go to the posture of each candidate, about."""
-        middle, pace = home(self.robot), MOVE_SHARE * highest_speeds(self.robot)
-        away = [
-            _OPENING * (np.max(np.abs(j.holds - middle) / pace, axis=1) + RAMP_TIME) for j in self.candidates.joints
-        ]
-        return np.array([away[j - 1][k] for j, k in zip(self.candidates.joint, self.candidates.hold, strict=True)])
+        middle, pace, table = home(self.robot), MOVE_SHARE * highest_speeds(self.robot), self.candidates
+        away = [_OPENING * (np.max(np.abs(j.holds - middle) / pace, axis=1) + RAMP_TIME) for j in table.joints]
+        return np.array([away[j - 1][k] for j, k in zip(table.joint, table.hold, strict=True)])
 
     def _optimum(self, budget: float) -> ContinuousDesign:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
@@ -286,10 +281,8 @@ class Planner:
         optimum = continuous_design(self.candidates, plain, budget)
         errors = plain.errors(self.candidates.information(optimum.counts))
         counted = np.median(errors, axis=0) <= self.sizes
-        if not counted.any():
-            counted[:] = True
-        names = zip(self.candidates.names, counted, strict=True)
-        self.hopeless = tuple(name for name, is_counted in names if not is_counted)
+        counted |= not counted.any()
+        self.hopeless = tuple(np.array(self.candidates.names)[~counted].tolist())
         if not self.hopeless and self.criterion.power == 0.0:
             return optimum
         self.criterion = replace(self.criterion, counted=counted)

@@ -57,10 +57,8 @@ def plan_for_effect(
 
     Parameters
     ----------
-    robot, wanted
-        The arm; effect and joint, with shapes where they are known.
-    against
-        What it must be told from; none: it must be seen at all.
+    robot, wanted, against
+        The arm; effect and joint, with shapes where they are known; what it must be told from, else it must be seen.
     size
         Of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
     whole
@@ -72,7 +70,7 @@ def plan_for_effect(
 
     Raises
     ------
-    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint]
+    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint], [effect-not-here]
         No runs within the limits show it, or tell the two apart; a size out of range; no such effect, or not there.
     """
     effect = at_one_joint(wanted, robot, "--for")
@@ -89,9 +87,8 @@ def plan_for_effect(
         dataset = rehearsed(shown, base, seed=seed)
     solved = solved_on(robot, [run for run in dataset.runs if not run.heldout])
     tell("choosing runs")
-    notes: tuple[Note, ...] = ()
-    title = f"shows {_name(effect)}"
     if rival is None:
+        title, notes = f"shows {_name(effect)}", list[Note]()
         runs = _shown(solved, effect, {} if hidden is None else hidden.values)
     else:
         title = f"tells {_name(effect)} from {_name(rival)}"
@@ -156,18 +153,18 @@ def _shown(solved: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> Ne
 
 def _told_apart(
     solved: Fit, wanted: EffectChoice, rival: EffectChoice, *, with_logs: bool
-) -> tuple[NextRun, tuple[Note, ...]]:
+) -> tuple[NextRun, list[Note]]:
     """The runs that tell an effect from a rival, and a note where the runs before them do already."""
     projector = Projector(solved)
     first, second = (_best_trial(solved, projector, choice) for choice in (wanted, rival))
     lead = evidence(solved, first) - evidence(solved, second)
-    notes: tuple[Note, ...] = ()
+    notes = list[Note]()
     if lead > DECISIVE:
         text = (
             f"the runs before these tell {_name(wanted)} of this size from {_name(rival)} already (evidence"
             f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more"
         )
-        notes = (Note("plan-decided", text),)
+        notes.append(Note("plan-decided", text))
     runs = next_run(solved, first, second)
     if not runs.motions:
         of = " of the size that these logs have of them" if with_logs else ""
@@ -196,42 +193,27 @@ def _name(choice: EffectChoice) -> str:
     return choice.effect if choice.joint is None else f"{choice.effect}@{choice.joint}"
 
 
-def _plan(base: Plan, added: NextRun, robot: Robot, *, title: str, notes: tuple[Note, ...]) -> Plan:
+def _plan(base: Plan, added: NextRun, robot: Robot, *, title: str, notes: Sequence[Note]) -> Plan:
     """The runs as often as it takes, on top of the experiment that was rehearsed."""
     sets = min(added.repeats or 1, _MOST_SETS)
-    motions = (*base.motions, *(tuple(added.motions) * sets))
+    longer = replace(base, motions=(*base.motions, *(added.motions * sets)), efficiency=None)
     holds = dict.fromkeys((motion.joint, motion.hold) for motion in added.motions)
     reasons = [Posture(joint, hold, (), f"{title}: {added.text}") for joint, hold in holds]
     times = f"made {sets} times" if sets > 1 else "made once"
+    sentence = f"A set of {len(added.motions)} runs, {times}, {title}: {added.text}."
     return replace(
-        base,
-        motions=motions,
+        longer,
         postures=(*base.postures, *reasons),
-        duration=duration(robot, replace(base, motions=motions)),
-        efficiency=None,
-        assumptions=(
-            *base.assumptions,
-            f"A set of {len(added.motions)} runs, {times}, {title}: {added.text}.",
-        ),
+        duration=duration(robot, longer),
+        assumptions=(*base.assumptions, sentence),
         notes=(*base.notes, *notes),
     )
 
 
 def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
-    """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where there are none.
-
-    Parameters
-    ----------
-    findings
-        With or without a next run.
-    robot
-        For the time that it takes.
-    """
-    motions, reasons = [], []
-    for finding in findings:
-        run = finding.next_run
-        if run is not None and run.motions:
-            motions += list(run.motions) * (run.repeats or 1)
-            reasons.append(f"tells {finding.effect} from {', '.join(finding.rivals)}: {run.text}")
-    plan = Plan(robot=robot.name, motions=tuple(motions), assumptions=tuple(reasons))
-    return replace(plan, duration=duration(robot, plan)) if motions else plan
+    """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where none has."""
+    decided = [(finding, finding.next_run) for finding in findings if finding.next_run and finding.next_run.motions]
+    motions = tuple(motion for _, run in decided for motion in run.motions * (run.repeats or 1))
+    reasons = [f"tells {finding.effect} from {', '.join(finding.rivals)}: {run.text}" for finding, run in decided]
+    plan = Plan(robot.name, motions, assumptions=tuple(reasons))
+    return replace(plan, duration=duration(robot, plan))
