@@ -26,12 +26,6 @@ def document(*words: str, code: int = 0) -> dict:
     return json.loads(run("plan", "--json", *words, code=code).stdout)
 
 
-def test_criterion_is_heard(folder):
-    """The worst relative error makes another plan than the geometric mean."""
-    plans = [document(*SHORT, "--criterion", mean, "-o", f"{mean}.yaml")["runs"] for mean in ("geometric", "worst")]
-    assert plans[0] != plans[1]
-
-
 def test_prior_is_a_model_of_this_arm(folder):
     """A model identified from simulated logs is planned for; of another arm it is refused with one message."""
     run("plan", *SHORT)

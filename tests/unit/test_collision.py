@@ -97,12 +97,3 @@ def test_what_always_touches_is_the_recipes_fault():
     assert sum("the box 'cell'" in fault for fault in faults) == 3
     assert sum("add [1, 3] to safety.ignore" in fault for fault in faults) == 1
     assert Collision(puma(Safety(spheres=big, ignore=((1, 3),)))).is_free
-
-
-def test_description_names_both_parties_and_the_posture():
-    """Arm stretched down, elbow swung through: the tip and the table, with the joints' positions."""
-    collision = Collision(puma(Safety((Box("table", (-2, -2, -2), (2, 2, -0.9)),), tool=(0, 0, 0.118))))
-    start, end = np.radians([[0, 90, 40, 0, 0, 0], [0, 90, 140, 0, 0, 0]])
-    told_where = collision.describe(collision.first_hit(start, end))
-    assert told_where.startswith("the tip comes nearer to the box 'table' than the margin of 20 mm where the joints")
-    assert "0 deg, 90 deg, " in told_where

@@ -169,15 +169,6 @@ def test_chosen_runs_decide_sooner_than_others():
     assert np.min(leads, axis=0)[0] > DECISIVE
 
 
-def test_twins_are_not_told_apart():
-    """Between an effect and itself no run decides, and that is said with what might."""
-    _, solved = measured()
-    same = trial(solved, "stribeck")
-    found = deciding(solved, same, same)
-    assert found.motions == () and found.separation is None and found.repeats is None
-    assert found.text.startswith("no run within the limits tells") and "speeds beyond" in found.text
-
-
 def test_what_has_passed_is_asked_of_a_cold_arm():
     """Warm-up and a step of friction are told apart by letting the arm cool: one comes back, the other stays."""
     _, solved = measured("warmup")

@@ -10,7 +10,7 @@ import pytest
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Links, draw, simulate, table1
+from pumaid.simulation import draw, simulate, table1
 from pumaid.simulation.hidden_effects import ArmState, Hidden
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.virtual_robot import Friction
@@ -140,20 +140,6 @@ def test_coupled_motors_hold_the_arm_with_what_they_carry():
     for _ in range(50):
         arm.advance(truth.gravity_current(arm.position[None])[0])
     np.testing.assert_allclose(arm.position, posture, atol=1e-7)
-
-
-def test_a_motor_without_current_drags_its_joint():
-    """Joint 5 of a weightless arm turns with joint 4 just so that its own motor, held by its friction, stands still."""
-    truth = draw(wrist({(5, 4): 0.3}), 3)
-    weightless = replace(truth.robot, gravity=(0.0, 0.0, -1e-9))
-    arm = RigidArm(replace(truth, links=Links(truth.links.mass, np.zeros((6, 3))), robot=weightless), step=0.001)
-    arm.place(np.zeros(6))
-    push = np.zeros(6)
-    push[3] = 3.0 * truth.friction.coulomb_plus[3]
-    for _ in range(400):
-        arm.advance(push)
-    assert arm.velocity[3] > 0.1
-    assert abs(arm.velocity[4] + 0.3 * 76.0 / 71.9 * arm.velocity[3]) < 1e-3 * arm.velocity[3]
 
 
 def test_a_payload_comes_and_moves_with_the_arm():

@@ -177,12 +177,3 @@ def test_size_is_heard_where_there_is_a_rival():
     )
     decided = [[note.slug for note in found.notes if note.slug == "plan-decided"] for found in (large, small)]
     assert decided == [["plan-decided"], []]
-
-
-def test_usual_sizes_are_none_where_there_is_nothing_of_the_kind():
-    """A robot without masses has no load across its axes; a virtual robot knows no effect of a user's own."""
-    truth = draw(TURRET, 1)
-    bare = truth.with_constants(truth.constants)
-    assert usual(bare, EffectChoice("side_load_friction", 2)) is None
-    assert usual(truth, EffectChoice("own_effect", 2)) is None
-    assert usual(truth, EffectChoice("side_load_friction", 2)).joint == 2

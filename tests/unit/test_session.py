@@ -119,13 +119,6 @@ def test_encoder_and_sensor_have_steps():
         assert np.max(np.abs(steps - np.round(steps))) < 1e-6
 
 
-def test_same_seed_same_log():
-    """The seed decides everything."""
-    first, again, other = (session(draw(table1.robot(), 3), seed=seed)["current"] for seed in (7, 7, 8))
-    assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 def test_files_share_one_clock():
     """Only the first batch starts a clock; rows begin at 2 in every file; absent velocities are none, not zeros."""
     logs = list(simulate(PUMA.robot, SHORT, truth=PUMA, seed=1, rate=RATE, runs_per_file=1, has_velocity=False))

@@ -62,14 +62,3 @@ def test_recursion_agrees_with_masses(kinds):
     wanted = gravity_load(robot, links, position) * gain
     recursive = gravity_current(robot, constants(robot, links, gain), position)
     assert np.max(np.abs(recursive - wanted)) < EXACT * np.max(np.abs(wanted))
-
-
-def test_load_is_the_slope_of_the_potential_energy():
-    """A finite difference of the masses' height, written out for a pendulum, gives the load."""
-    arm = Joint(number=1, name="hinge", kind="revolute", alpha=np.pi / 2)
-    robot = Robot("pendulum", (arm,))
-    links = Links(np.array([2.0]), np.array([[0.5, 0.1, 0.3]]))
-    angle = np.array([[0.4]])
-    height = [0.5 * np.sin(q) + 0.1 * np.cos(q) for q in (0.4 - 1e-6, 0.4 + 1e-6)]
-    slope = 2.0 * 9.80665 * (height[1] - height[0]) / 2e-6
-    assert gravity_load(robot, links, angle)[0, 0] == pytest.approx(slope, rel=1e-8)
