@@ -314,7 +314,8 @@ class Truth:
         """What is usual of every joint: of its friction, its speeds, and its loads over many postures."""
         robot, coulomb = self.robot, self.coulomb
         low, high = np.array([span(joint) for joint in robot.joints]).T
-        postures = low + np.random.default_rng(0).random((_POSTURES, robot.n_joints)) * (high - low)
+        rng = np.random.default_rng(0)
+        postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
         load = self.gravity_current(postures)
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
         across = side_load(robot, self.links, postures) * np.abs(self.gain)
