@@ -58,7 +58,9 @@ class SignFlips:
 
     def threshold(self, key: Key, level: float) -> float:
         """Surprise that `key` needs for a p-value below `level`."""
-        return min(self.handicaps.get(key, 0.0) + float(np.quantile(self.largest, 1.0 - level)), self.gross(key))
+        last = len(self.largest) - 1
+        beyond = float(np.interp((1.0 - level) * last, np.arange(last + 1), self.largest))
+        return min(self.handicaps.get(key, 0.0) + beyond, self.gross(key))
 
 
 def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FLIPS) -> SignFlips:
