@@ -9,9 +9,10 @@ import pytest
 
 from pumaid.dataset import Campaign, Dataset
 from pumaid.effect_spec import expanded
+from pumaid.effects import catalogue
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
-from pumaid.estimation.nonlinear import fit_effects
+from pumaid.estimation.nonlinear import fit_effects, search_bounds
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
@@ -71,3 +72,10 @@ def test_strokes_do_not_pass_for_noise_of_other_runs(seed):
     # Equations of 24 runs know a variance to some 15 %.
     assert np.mean(noises[1] ** 2) == pytest.approx(np.mean(noises[0] ** 2), rel=0.3)
     assert both.levels[2].loud >= 1.0
+
+
+def test_a_shape_is_not_looked_for_far_beyond_the_runs():
+    """A fall of friction is looked for at up to twice the speeds of its grid: beyond, it is viscous friction's curve."""
+    velocity, exponent = catalogue()["stribeck"].shapes(PENDULUM, 1)
+    assert search_bounds(velocity, [{"velocity": 0.1}, {"velocity": 1.0}]) == (0.05, 2.0)
+    assert search_bounds(exponent, [{"exponent": 1.0}, {"exponent": 2.0}]) == (0.5, 2.0)
