@@ -75,7 +75,7 @@ def test_strokes_do_not_pass_for_noise_of_other_runs(seed):
 
 
 def test_a_shape_is_not_looked_for_far_beyond_the_runs():
-    """A fall of friction is looked for at up to twice the speeds of its grid: beyond, it is viscous friction's curve."""
+    """A fall of friction is looked for at up to twice the speeds of its grid; beyond, it is a viscous curve."""
     velocity, exponent = catalogue()["stribeck"].shapes(PENDULUM, 1)
     assert search_bounds(velocity, [{"velocity": 0.1}, {"velocity": 1.0}]) == (0.05, 2.0)
     assert search_bounds(exponent, [{"exponent": 1.0}, {"exponent": 2.0}]) == (0.5, 2.0)
