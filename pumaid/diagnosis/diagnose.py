@@ -266,18 +266,20 @@ class DiagnosisBuilder:
         return tuple(sorted(records.values(), key=lambda item: (item.verdict != ADD, -item.evidence))[:LISTED])
 
     def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
-        chosen, falls = step.chosen, candidate.falls
-        is_rival = chosen is not None and candidate.key in [rival.key for rival in chosen.rivals]
-        verdict = DOUBTFUL if is_rival or candidate.p_value <= LEVEL else ABSENT
-        if candidate.key in [item.key for item in self.search.accepted] and candidate.fault != "denied":
+        accepted, falls = self.search.accepted, candidate.falls
+        partner = next((item for item in accepted if candidate.key in [rival.key for rival in item.rivals]), None)
+        verdict = DOUBTFUL if partner is not None or candidate.p_value <= LEVEL else ABSENT
+        if candidate.key in [item.key for item in accepted] and candidate.fault != "denied":
             verdict = ADD
-        better, like = None if chosen is None else chosen.key[0], candidate.rivals
-        if is_rival and chosen is not None:
-            like = (chosen, *(rival for rival in chosen.rivals if rival.key != candidate.key))
+        like = candidate.rivals
+        if partner is not None:
+            like = (partner, *(rival for rival in partner.rivals if rival.key != candidate.key))
+        beside = [item for item in accepted if item.after.keys() & candidate.after.keys()]
+        better = max(beside, key=lambda item: item.evidence, default=step.chosen)
         return Candidate(
             **_facts(candidate, like),
             verdict=verdict,
-            reason=reason(candidate, None if verdict == ADD or is_rival else better),
+            reason=reason(candidate, None if verdict == ADD or partner or better is None else better.key[0]),
             evidence=candidate.evidence,
             rmse_after=min(candidate.after.values(), default=None),
             rmse_heldout_before=falls.before if falls else None,
