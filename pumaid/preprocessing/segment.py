@@ -54,6 +54,9 @@ LONGEST_LINE = 1.0
 SPREAD = 3.0
 #: Departure from a speed, in units of the tolerance, that does not end a run where the same speed goes on behind it.
 HICCUP = 3.0
+#: Share of a movement's largest acceleration above which an end of a constant velocity is a ramp's, and s of each end
+#: in which that is looked for.
+SETTLED, END = 0.002, 0.5
 #: s dropped at the beginning of a constant velocity, where the speed still settles, and at its end, where the onset of
 #: a ramp hides in the tolerance.
 SETTLING, LEAVING = 0.08, 0.04
@@ -359,14 +362,18 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
     velocity, half = _smoothed_velocity(ticks, movement, options)
     time, speed = ticks.time[movement.start : movement.stop], np.abs(velocity)
     error = SPREAD * ticks.slope_error(joint, half)
-    peak = float(np.abs(slopes(time, velocity, 1)).max())
+    acceleration = slopes(time, velocity, 1)
+    peak = float(np.abs(acceleration).max())
     reach = max(1, round_half_up(0.7 * options.min_duration / ticks.interval))
     cores = _cores(speed, reach, tolerance=(options.speed_tolerance, error))
     runs = []
     for start, stop in _one_speed(speed, cores, share=options.speed_tolerance, error=error):
+        first, last = _settled(acceleration, (start, stop), SETTLED * peak, longest=round_half_up(END / ticks.interval))
         # Where the data begin or end there is no ramp.
-        first = start + round_half_up(SETTLING / ticks.interval) if movement.start + start > 0 else start
-        last = stop - round_half_up(LEAVING / ticks.interval) if movement.start + stop < len(ticks) else stop
+        if movement.start + start > 0:
+            first = max(first, start + round_half_up(SETTLING / ticks.interval))
+        if movement.start + stop < len(ticks):
+            last = min(last, stop - round_half_up(LEAVING / ticks.interval))
         if last - first < 2:
             continue
         level, x = float(np.median(velocity[first:last])), time[first:last] - time[first:last].mean()
@@ -374,6 +381,19 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
             low, high = ticks.edges[[movement.start + first, movement.start + last]].tolist()
             runs.append(Piece(low, high, CONSTANT, (joint,), figure=level))
     return runs
+
+
+def _settled(acceleration: Floats, core: tuple[int, int], negligible: float, *, longest: int) -> tuple[int, int]:
+    """Ticks [first, last) of a core without ends that accelerate, `longest` of them at most and half of it.
+
+    An acceleration counts that is not `negligible` and surely larger than those in the middle half.
+    """
+    inside = acceleration[slice(*core)]
+    quarter, size = len(inside) // 4, min(longest, len(inside) // 2)
+    usual = SURE * float(np.sqrt(np.mean(inside[quarter : len(inside) - quarter] ** 2)))
+    far = np.abs(inside) > max(negligible, usual)
+    front, back = (np.flatnonzero(end).max(initial=-1) + 1 for end in (far[:size], far[::-1][:size]))
+    return core[0] + int(front), core[1] - int(back)
 
 
 def _smoothed_velocity(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> tuple[Floats, int]:

@@ -12,8 +12,12 @@ import pytest
 from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 
 from pumaid.dataset import Log
+from pumaid.estimation.estimate import identify
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Joint, Robot
+from pumaid.simulation import draw, simulate
+from pumaid.trajectory import Motion, Plan
 
 SEEDS = (20_001, 20_002)
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -23,12 +27,26 @@ REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[2].parent 
 def test_runs_bias_no_friction(name):
     """At signal-to-noise 10, what ramps and ringing put into runs moves friction by under half a standard error.
 
-    Over three quarters of what is truly at constant speed is in them.
+    Over seven tenths of what is truly at constant speed is in them.
     """
     world = World(**SCENARIOS[name])
     scores = [score(truth, segment(truth.logs, robot(world))) for truth in (make(world, seed) for seed in SEEDS)]
     assert max(s.bias for s in scores) < 0.5
-    assert sum(s.right for s in scores) > 0.75 * sum(s.true for s in scores)
+    assert sum(s.right for s in scores) > 0.7 * sum(s.true for s in scores)
+
+
+def test_what_settles_after_a_ramp_is_no_friction():
+    """The heavy first joint of a UR10e, position-controlled, still settles 0.2 s after a ramp: none of it in runs."""
+    arm = read_recipe(shipped_recipes()["ur10e"])
+    motions = [Motion(1, (0.0,) * 6, -way, way, v) for _ in range(6) for v in (0.12, 1.745) for way in (0.7, -0.7)]
+    truth = draw(arm, 41)
+    logs = simulate(arm, Plan(arm.name, tuple(motions)), seed=2, truth=truth, rate=250.0)
+    estimate = identify(segment(logs, arm), arm)
+    joint, known = estimate.joints[0], truth.parameters()
+    assert joint.rmse < 1.15 * joint.noise_floor
+    for name in ("coulomb.j1.plus", "coulomb.j1.minus", "viscous.j1.plus", "viscous.j1.minus"):
+        value = estimate.value(name)
+        assert abs(value.value - known[name]) < 3.0 * value.std_error
 
 
 @pytest.mark.parametrize("rate", [125.0, 1000.0])
