@@ -390,7 +390,7 @@ def _settled(acceleration: Floats, core: tuple[int, int], negligible: float, *, 
     """
     inside = acceleration[slice(*core)]
     quarter, size = len(inside) // 4, min(longest, len(inside) // 2)
-    usual = SURE * float(np.sqrt(np.mean(inside[quarter : len(inside) - quarter] ** 2)))
+    usual = SURE * 1.48 * float(np.median(np.abs(inside[quarter : len(inside) - quarter])))  # of a normal spread
     far = np.abs(inside) > max(negligible, usual)
     front, back = (np.flatnonzero(end).max(initial=-1) + 1 for end in (far[:size], far[::-1][:size]))
     return core[0] + int(front), core[1] - int(back)
