@@ -96,8 +96,8 @@ class NoiseModel:
 
     def scaled(self, levels: Levels, is_stroke: NDArray[np.bool_]) -> NoiseModel:
         """The same as the variances say that a whole fit leaves of runs that were whitened by it."""
-        loud = np.where(is_stroke, levels.loud, 1.0)
-        return replace(self, spread=self.spread * np.sqrt(levels.sample * loud), level=np.sqrt(levels.level * loud))
+        sample = levels.sample * np.where(is_stroke, levels.loud, 1.0)
+        return replace(self, spread=self.spread * np.sqrt(sample), level=np.full(len(sample), np.sqrt(levels.level)))
 
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried

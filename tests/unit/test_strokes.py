@@ -6,10 +6,14 @@ import re
 
 import numpy as np
 import pytest
+from searches import with_current
 from worlds import CRANE, course, run_of
 
 from pumaid.dataset import Dataset, Log
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.gls import fit_bins
+from pumaid.joint_bins import joint_bins
+from pumaid.model import Model
 from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.strokes import sliding, stroke_bins
 
@@ -128,3 +132,20 @@ def test_strokes_alone_tell_of_a_delay(delay):
         found = [note for note in identify(Dataset(runs), CRANE).notes if note.slug == "strokes-late"]
         told += [float(re.search(r"viscous\.j2\.\w+ would be ([\d.]+)", note.text)[1]) for note in found]
     assert len(told) == 10 and told == pytest.approx([0.7] * 10, rel=0.05) if delay else len(told) <= 1
+
+
+def test_a_fit_weighs_strokes_as_its_linearisation_does():
+    """Covariance (1e-9) is that of the whitened Jacobians and priors, where strokes are noisier than other runs."""
+    rng = np.random.default_rng(2)
+    runs = [
+        with_current(run, 3.0 * SIGMA * rng.normal(size=len(run.bins))) if run.kind == "stroke" else run
+        for run in late_runs(1, 0.0)
+    ]
+    fitted = fit_bins(Model.of_runs(CRANE, runs), joint_bins(CRANE, runs, is_settled=False))
+    assert fitted.levels[2].loud > 2.0
+    information, row = np.diag(fitted.prior**2), fitted.row(2)
+    information[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
+    errors = np.sqrt(np.diag(fitted.inverse))
+    errors = np.outer(errors, errors) + np.finfo(float).tiny
+    again = fitted.inverse @ information @ fitted.inverse  # an inverse where runs tell all, else a pseudo-inverse
+    np.testing.assert_allclose(again / errors, fitted.inverse / errors, atol=1e-6)
