@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.effect_choice import ALL, did_you_mean, read_choice
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Parameter, Shape
 from pumaid.errors import ModelError, Where
@@ -19,8 +19,6 @@ from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
 
-#: The joint that stands for all of them.
-ALL = "all"
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
 #: Step of a numerical derivative by a shape, as a share of the shape's own scale: its square is far below any interval.
@@ -31,22 +29,13 @@ ROUNDING = 1e-11
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One parameter of a model: its name, symbol and unit, the joint or link that owns it, its effect.
+    """One parameter of a model: its name, symbol and unit, the joint or link that owns it (from 1; 0: the arm), its
+    effect.
 
-    Attributes
-    ----------
-    owner
-        From 1; 0 for the whole arm.
-    group
-        Posture group (from 0) of a parameter that each set of held positions has for itself, else None.
-    place
-        Number (from 0) of the effect term that it belongs to; None in the paper's model.
-    shape
-        Name of the nonlinear parameter of which the column is the derivative; None for linear parameters.
-    scope
-        A link's acts on inner joints through the ratio of gains, all others as they are.
-    span
-        From the lowest to the highest value of it that is physical.
+    `group` is the posture group (from 0) of a parameter that each set of held positions has for itself; `place` the
+    number (from 0) of the effect term that it belongs to, None in the paper's model; `shape` the nonlinear parameter of
+    which the column is the derivative, None for linear ones. A link's `scope` acts on inner joints through the ratio of
+    gains, all others as they are; `span` goes from the lowest to the highest value that is physical.
     """
 
     name: str
@@ -66,16 +55,9 @@ class Column:
 class EffectTerm:
     """One effect in a model, or tried beside it: at a joint (from 1; None: the whole arm), with its shape.
 
-    Attributes
-    ----------
-    mark
-        What ends its parameters' names: ``_2`` for the second time at one joint.
-    fitted
-        Shapes that are fitted: the derivative by each is a column, so that errors include them.
-    sizes
-        Linear parameters at which these derivatives are taken.
-    held
-        Those of `fitted` that are best at a bound: they stay there, and errors include them all the same.
+    `mark` ends its parameters' names: ``_2`` for the second time at one joint. The derivative by each `fitted` shape,
+    at the linear parameters `sizes`, is a column, so that errors include it; those of `held` are best at a bound and
+    stay there, and errors include them all the same.
     """
 
     effect: Effect
@@ -206,13 +188,7 @@ def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
 
 
 def check_known(effects: Iterable[EffectChoice]) -> None:
-    """Refuse effects of a model that the catalogue does not have: most often a file has to be named again.
-
-    Raises
-    ------
-    ModelError [unknown-effect]
-        There is one.
-    """
+    """Refuse effects of a model that the catalogue does not have (unknown-effect): a file has to be named again."""
     for number, choice in enumerate(effects, start=1):
         if choice.effect not in catalogue():
             what = f"the model holds {choice.effect}, which is not in the catalogue"
@@ -220,13 +196,7 @@ def check_known(effects: Iterable[EffectChoice]) -> None:
 
 
 def check_parameters(estimate: Estimate, robot: Robot) -> None:
-    """Refuse a model whose effects had other parameters when it was made: a user's file has changed since.
-
-    Raises
-    ------
-    ModelError [effect-changed]
-        One of its effects lacks, or has, a parameter or shape that the model knows otherwise.
-    """
+    """Refuse a model whose effects had other parameters when it was made (effect-changed): a file has changed since."""
     terms = terms_of(estimate.effects)
     for number, term in enumerate(terms, start=1):
         (name, joint), shapes = term.key, set(term.shapes(robot))
@@ -256,65 +226,21 @@ def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fix
 
 
 def parse_effect(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
-    """A choice as the command line writes it: ``EFFECT[@JOINT][:SHAPE=VALUE,...]``, angles in rad.
+    """A choice as `read_choice` reads it, checked, angles in rad.
 
-    Parameters
-    ----------
-    text
-        ``stribeck@3:velocity=0.12``; the joint is a number from 1, a joint's name or ``all`` (as is none).
-    robot
-        Its joints.
-    option
-        What the user wrote it after, for the message.
-
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-twice]
-        There is no such effect, joint or shape, and the nearest one is told; or it cannot act there.
+    Raises ModelError (unknown-effect, effect-joint, effect-shape, effect-twice) with the nearest right name.
     """
-    where = Where(field=f"{option} {text}")
-    head, _, tail = text.partition(":")
-    name, at, word = (part.strip() for part in head.partition("@"))
-    if at and not word:
-        raise ModelError("effect-joint", "no joint is named after the @", where, f"write {option} stribeck@3")
-    joint: int | None = None
-    if word not in ("", ALL):
-        names = {axis.name: axis.number for axis in robot.joints}
-        joint = names.get(word) or (int(word) if word.isdecimal() else 0)
-        if not 1 <= joint <= robot.n_joints:
-            mend = nearest(word, names, f"one of {', '.join(names)}, a number from 1, or {ALL}")
-            raise ModelError("effect-joint", f"{robot.name} has no joint {word}", where, mend)
-    shape: dict[str, float] = {}
-    for key, _, value in (part.partition("=") for part in tail.split(",") if part.strip()):
-        if key.strip() in shape:
-            raise ModelError("effect-shape", f"{key.strip()} is given twice", where, "give it once")
-        try:
-            shape[key.strip()] = float(value)
-        except ValueError:
-            what = f"{key.strip()} is {value!r}, which is no number"
-            mend = f"write {key.strip()}=NUMBER, or leave it out to have it fitted"
-            raise ModelError("effect-shape", what, where, mend) from None
-    choice = EffectChoice(name, joint, shape)
-    _at_joints(choice, robot, where)
+    choice = read_choice(text, robot, option)
+    _at_joints(choice, robot, Where(field=f"{option} {text}"))
     return choice
 
 
 def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = ()) -> tuple[EffectChoice, ...]:
     """The recipe's effects without those that `remove` names and with those that `add` does, one joint each.
 
-    Parameters
-    ----------
-    robot
-        With the recipe's effects.
-    add
-        As `parse_effect` reads them.
-    remove
-        ``EFFECT``, ``EFFECT@JOINT`` or ``all``.
-
-    Raises
-    ------
-    ModelError [effect-not-there], [effect-twice] and those of `parse_effect`
-        A choice is wrong, cannot act there, is in the model already, or cannot be taken out.
+    `add` is as `parse_effect` reads it; `remove` is ``EFFECT``, ``EFFECT@JOINT`` or ``all``. Raises ModelError
+    (effect-not-there, effect-twice, or one of `parse_effect`) where a choice is wrong, cannot act there, is in the
+    model already, or cannot be taken out.
     """
     choices = expanded(robot.effects, robot)
     for text in remove:
@@ -345,10 +271,7 @@ def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[
 def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
     """Each choice at one joint or of the whole arm; a choice for all joints becomes one a joint where it can act.
 
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-twice]
-        An effect, joint or shape is wrong, cannot act there, or is in the model already.
+    Raises ModelError (unknown-effect, effect-joint, effect-shape, effect-twice) where one is wrong or cannot act there.
     """
     out: list[EffectChoice] = []
     for choice in choices:
@@ -370,13 +293,7 @@ def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoic
 
 
 def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
-    """The choice, checked; an effect of joints with its joint, one of the whole arm without.
-
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-joint]
-        There is no such effect, none at that joint, or no joint is named (after `option`).
-    """
+    """The choice, checked; an effect of joints with its joint (named after `option`), one of the whole arm without."""
     where = Where(field=f"{option} {choice.effect}")
     if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
         what = f"{choice.effect} acts at one joint at a time, and none is named"
@@ -385,27 +302,15 @@ def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoic
 
 
 def known_effect(name: str, where: Where) -> Effect:
-    """The effect of the catalogue called `name`, if it can be added to a model.
-
-    Raises
-    ------
-    ModelError [unknown-effect], [effect-twice]
-        There is none, or every model has it.
-    """
+    """The effect of the catalogue called `name`; refused where there is none, or where every model has it."""
     effects = catalogue()
     if name not in effects:
         what = f"there is no effect {name} in the catalogue: {', '.join(effects)}" if name else "no effect is named"
-        mend = nearest(name, effects, f"pumaid effects lists the names; {OWN}")
+        mend = did_you_mean(name, effects, f"pumaid effects lists the names; {OWN}")
         raise ModelError("unknown-effect", what, where, mend)
     if effects[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
     return effects[name]
-
-
-def nearest(word: str, names: Iterable[str], otherwise: str) -> str:
-    """What to mend: the nearest name there is, if one is near."""
-    near = difflib.get_close_matches(word, names, n=1)
-    return f"did you mean {near[0]}?" if near else otherwise
 
 
 def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
@@ -428,7 +333,7 @@ def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectC
         for name, value in choice.shape.items():
             if name not in shapes:
                 options = f"known: {', '.join(shapes)}" if shapes else f"{effect.name} has no shape: leave it out"
-                what, mend = f"{effect.name} has no shape called {name}", nearest(name, shapes, options)
+                what, mend = f"{effect.name} has no shape called {name}", did_you_mean(name, shapes, options)
                 raise ModelError("effect-shape", what, where, mend)
             if not shapes[name].low <= value <= shapes[name].high:
                 what = f"{name} of {effect.name} is {value:g}"

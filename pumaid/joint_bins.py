@@ -48,22 +48,13 @@ SERIES = tuple(item.name for item in fields(Samples) if item.name not in ("joint
 
 @dataclass(frozen=True, eq=False)
 class JointBins:
-    """All R runs of one joint, N bins one after the other.
+    """All R runs of one joint (from 1), N bins one after the other.
 
-    Attributes
-    ----------
-    joint
-        From 1.
-    runs
-        In the order in which they were given.
-    samples
-        The middles of the bins as effects see them; `run` counts the runs from 0. All joints but the moving one stand
-        at the run's mean posture: held joints creep by thousandths of a rad, and columns of weight that differ by that
-        alone would let weights of any size explain anything.
-    current, count, inside
-        (N,) A of the moving joint, samples behind it, and A2 of variance inside the bin.
-    first, step
-        (R,) first bin of each run, and s that its bins last.
+    `samples` are the middles of the bins as effects see them; `run` counts the runs from 0. All joints but the moving
+    one stand at the run's mean posture: held joints creep by thousandths of a rad, and columns of weight that differ by
+    that alone would let weights of any size explain anything. `current` (N,) A is of the moving joint, `count` (N,) the
+    samples behind it, `inside` (N,) A2 of variance inside the bin, `first` and `step` (R,) are the first bin of each
+    run, and s that its bins last.
     """
 
     joint: int
@@ -211,20 +202,10 @@ def joint_bins(
     campaign: Campaign | None = None,
     is_settled: bool = True,
 ) -> tuple[JointBins, ...]:
-    """The bins of each joint that moves in `runs`, base first.
+    """The bins of each joint that moves in `runs` (in order of time), base first.
 
-    Parameters
-    ----------
-    robot
-        The arm.
-    runs
-        In order of time.
-    most
-        Most bins of a run, or of a turn of a joint that turns round and round; as they are where not given.
-    campaign
-        That of all runs of the logs: when each joint first moved.
-    is_settled
-        Whether the ends of runs at constant speed, where the speed still settles, are left out.
+    A run has at most `most` bins a turn; `campaign` is that of all runs of the logs; `is_settled` leaves out the ends
+    of runs at constant speed, where the speed still settles.
     """
     campaign = campaign or Campaign.of(runs)
     out = []
@@ -306,24 +287,11 @@ def at(samples: Samples, rows: Counts) -> Samples:
 
 
 def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
-    """A table's values at all of M instants of R runs of `sizes` instants each, asked for at `PLACES` of each.
+    """A table's values (M, F) at all of M instants of R runs of `sizes` instants each, asked for at `PLACES` of each.
 
     Exact for whatever is a direction of a link, a lever or a load, or a product of two of them, while one joint moves
-    and the others stand: two harmonics of its position, or its square of a slide's.
-
-    Parameters
-    ----------
-    samples, sizes
-        Runs one after another; in each all joints but the moving one have one position throughout.
-    table
-        (K, F) at K instants.
-    turns
-        Whether the moving joint is revolute.
-
-    Returns
-    -------
-    values
-        (M, F); columns with a NaN in a run are NaN in all of it.
+    (`turns`, or slides) and the others stand: two harmonics of its position, or its square of a slide's. Columns with a
+    NaN in a run are NaN in all of it.
     """
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     moving = samples.joint - 1

@@ -32,16 +32,9 @@ DELAY = "delay"
 class Model:
     """The arm's base model (gravity, Coulomb, viscous) with an inertia a posture group where strokes are, and more.
 
-    Parameters
-    ----------
-    robot
-        The arm.
-    stroke_postures
-        (joint, held positions (J,)) of each group of strokes, in order; those of a joint are numbered in this order.
-    effects
-        Physics beyond the paper's model, shapes filled in; their columns come last.
-    delays
-        Joints (from 1) whose current may come late in strokes, by a time that is known to be short before any data.
+    `stroke_postures` are (joint, held positions (J,)) of each group of strokes, numbered in this order at each joint;
+    the columns of `effects`, shapes filled in, come last. The current of the joints `delays` may come late in strokes,
+    by a time that is known to be short before any data.
     """
 
     def __init__(
@@ -136,12 +129,7 @@ class Model:
     def design(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(N, p) means of the regressor over the bins of one joint; 0 for unknown delays, which wait for a fit.
 
-        Parameters
-        ----------
-        bins
-            Of runs in which all joints but the moving one stand.
-        gravity
-            What a fitted model says of gravity at the bins' nodes, where an effect needs it.
+        `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
         if bins not in self._base_designs:
             self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))

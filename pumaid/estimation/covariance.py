@@ -38,23 +38,12 @@ def clustered(
     """Cluster-robust covariance with the bias-reduced correction CR2 and Satterthwaite degrees of freedom.
 
     What a single run determines leaves no residual that could tell its error: there the working model's noise counts,
-    as well known as the runs that it was estimated from are many.
+    as well known as the runs that it was estimated from are many: of each run, by rising number, `kin` (R,) says with
+    which others that was, all where not given. `jacobian` (N, p) and `residual` (N,) are whitened by the working model,
+    `inverse` (p, p) is the inverse information of all runs together, `runs` (N,) the run of each equation.
 
-    Parameters
-    ----------
-    jacobian, residual
-        (N, p) and (N,), whitened by the working model of the noise.
-    inverse
-        (p, p) inverse information of all runs together.
-    runs
-        (N,) run of each equation.
-    kin
-        (R,) for each run, by rising number, the number of those whose noise is estimated together; all where not given.
-
-    Source
-    ------
-    R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169-181; J. E. Pustejovsky and E. Tipton, J. Bus. Econ.
-    Stat. 36 (2018) 672-683.
+    Source: R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169-181; J. E. Pustejovsky and E. Tipton, J.
+    Bus. Econ. Stat. 36 (2018) 672-683.
     """
     p, table = len(inverse), _by_run(np.column_stack([jacobian, residual]), runs)
     scores, alone = np.zeros((len(table), p)), np.zeros((len(table), p))
@@ -100,19 +89,10 @@ def _by_run(table: Floats, runs: Counts) -> Floats:
 
 
 def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Floats:
-    """A covariance of which some parameters are known by another one only; no combination of it is below zero.
+    """A covariance `errors` (p, p) of which the `poor` parameters (p,) are known by `working` (p, p) only.
 
     Taking the poor ones' rows and columns from the other would not do: the two together may give a sum of parameters a
     variance below zero. The poor ones depend on the rest as by `working`, and are never surer than there.
-
-    Parameters
-    ----------
-    working
-        (p, p) by which all are known.
-    errors
-        (p, p) that holds for the others.
-    poor
-        (p,) those that `errors` does not tell.
     """
     good = ~poor
     if not poor.any():
@@ -154,24 +134,11 @@ def fit_covariance(fitted: Fit) -> Clustered:
 
 
 def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: Counts) -> Clustered:
-    """Covariance of the recursion's parameters and ratios, clustered by run.
+    """Covariance of the recursion's parameters and ratios, clustered by `runs` (N,), with each one's freedoms in its
+    own row.
 
-    Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own
-    solution operator times the derivative of the row's prediction by the outer results.
-
-    Parameters
-    ----------
-    system
-        Whitened rows.
-    values, gains
-        The recursion's result.
-    runs
-        (N,) run of each equation.
-
-    Returns
-    -------
-    clustered
-        Over [values, edges]; degrees of freedom are those of each parameter's own row.
+    Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own solution
+    operator times the derivative of the row's prediction by the outer results.
     """
     p, jacobian, residual = len(values), system.jacobian(gains, values), system.left(values, gains)
     size = jacobian.shape[1]

@@ -132,22 +132,11 @@ class Budget:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RunScore:
-    """One run against the model.
+    """One run against the model: RMSE, bias and largest residual of a bin (A), (M,) A `predicted` at its bins.
 
-    Attributes
-    ----------
-    rmse, bias
-        Over its samples: root mean square and mean of measured minus predicted, A.
-    largest
-        Largest absolute residual of a bin, A.
-    predicted
-        (M,) A at the run's bins.
-    undetermined, reason
-        Whether the prediction rests on what the fitted data did not determine, and why.
-    explained
-        1 minus the residual's share of the squares about the joint's mean current, no unit; None without variance.
-    parts
-        Effect -> (M,) its part of `predicted`, A; one part for effects that are confounded, as in the joint's `shares`.
+    `undetermined` says, and `reason` why, the prediction rests on what the fitted data did not determine. `explained`
+    is 1 minus the residual's share of the squares about the joint's mean current, None without variance; `parts` maps
+    effects to their (M,) part of `predicted`, those that are confounded as one, as in the joint's `shares`.
     """
 
     run: Run
@@ -170,26 +159,11 @@ class RunScore:
 class JointScore:
     """One joint (from 1) over its runs; held-out runs are counted apart unless there are no others.
 
-    Attributes
-    ----------
-    rmse, bias
-        Over samples, A; None without runs.
-    explained
-        Share of the current's variance about its mean, no unit.
-    noise_floor, noise_floor_reason
-        RMSE that no model goes below (A), or why it is not known.
-    rms
-        Root mean square of the measured current, A.
-    shares
-        Effect -> its share of the mean square of the current, no unit; with `UNEXPLAINED` for what the model leaves
-        they add up to 1. A negative share relieves the motor. Effects of which the fitted data determine the sum only
-        stand together, joined by `TOGETHER`.
-    heldout_runs, heldout
-        Runs that the plan keeps for judging, and their RMSE, A.
-    undetermined
-        Number of runs whose prediction rests on what the fitted data did not determine.
-    budget
-        The squared error in parts; None without runs.
+    `rmse`, `bias` (over samples) and `rms` (of the measured current) are in A; `noise_floor` is the RMSE that no model
+    goes below, or `noise_floor_reason` says why it is not known. `shares` maps effects to their share of the mean
+    square of the current, which with `UNEXPLAINED` add up to 1: a negative one relieves the motor, and effects of which
+    the fitted data determine the sum only stand together, joined by `TOGETHER`. `undetermined` counts runs whose
+    prediction rests on what the fitted data did not determine.
     """
 
     joint: int
@@ -227,8 +201,8 @@ class Comparison:
     """A model against measurement on some logs.
 
     `joints` has a score for each joint of the arm, `runs` for each run in order of the dataset, held-out ones too.
-    `rmse` (A) is over all samples of the runs behind `joints`, `heldout` over those of held-out runs; None without.
-    `logs` maps names to SHA-256; `recipe_digest` is that of the recipe, `version` the program's that made the model.
+    `rmse` (A) is over all samples of the runs behind `joints`, `heldout` over those of held-out runs. `logs` maps names
+    to SHA-256.
     """
 
     robot: str
@@ -253,25 +227,13 @@ class Comparison:
 
 
 class JointPrediction:
-    """An estimate at the bins of one joint's runs: design matrix, prediction, and sums over the samples of each run.
+    """An estimate at the R runs (N bins) of one joint: design matrix, prediction, and sums over the samples of each
+    run.
 
-    Parameters
-    ----------
-    model, estimate
-        The model and its values.
-    bins
-        R runs, N bins.
-
-    Attributes
-    ----------
-    design, predicted, residual
-        (N, p) means over the bins of A per unit of each parameter, (N,) A, and (N,) A measured minus predicted.
-    inside
-        (N,) A2 of variance inside bins that the prediction leaves.
-    effects, parts
-        Names of E effects, and (N, E) A of the prediction by effect.
-    samples, square, current_square, products
-        (R,) samples; sums over them of the squared residual and current; (R, E) of the current times each part, A2.
+    `design` (N, p) is A per unit of each parameter, `predicted` and `residual` (N,) A, `inside` (N,) A2 of variance
+    inside bins that the prediction leaves; `parts` (N, E) is the prediction by `effects`. Of each run (R,) there are
+    `samples`, and over them the sums of the squared residual (`square`) and current, and (R, E) of the current times
+    each part, A2.
     """
 
     def __init__(self, model: Model, estimate: Estimate, bins: JointBins) -> None:
@@ -312,8 +274,7 @@ class JointPrediction:
     def noise_floor(self) -> tuple[float | None, str | None]:
         """RMSE (A) that no model goes below, or why it is unknown.
 
-        Replicates spread over time differ by effects of time: where the model explains them, so that its RMSE is below
-        what replicates differ by, the floor is that of its residuals.
+        Where the model explains by what replicates differ, as effects of time, the floor is that of its residuals.
         """
         floor, why = noise_floor(self.repeated)
         if floor is None or (rmse([(self, self.counted)]) or 0.0) >= BELOW * floor:
@@ -505,23 +466,8 @@ def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:
 def separable(gram: Floats, limit: float) -> list[tuple[int, ...]]:
     """The finest groups of terms whose sums are each known to `limit`, as indices, in order of their first member.
 
-    Terms that are known by themselves stand alone; then the smallest, best-known groups of the rest are taken, and
-    what cannot be grouped so is one group.
-
-    Parameters
-    ----------
-    gram
-        (k, k) mean products of what any two terms may be off by: the sum over a group's rows and columns is the square
-        of what the group's sum may be off by.
-    limit
-        What a sum may be off by and still count as known, in the root of the gram's unit.
-
-    Examples
-    --------
-    Two terms that may move against each other by 1, and one that is known:
-
-    >>> separable(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), 0.1)
-    [(0, 1), (2,)]
+    `gram` (k, k) are mean products of what any two terms may be off by. Terms that are known by themselves stand alone;
+    then the smallest, best-known groups of the rest are taken, and what cannot be grouped so is one group.
     """
     open_terms, groups = list(range(len(gram))), []
     for size in range(1, LARGEST_GROUP + 1):

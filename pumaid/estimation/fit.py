@@ -34,27 +34,15 @@ FEWEST_BINS = 12
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """The runs of one joint: its bins, their design matrix, and both reduced to what a fit needs.
+    """The R runs (N bins) of one joint: their design matrix, and both reduced to what a fit needs.
 
-    Attributes
-    ----------
-    bins
-        R runs, N bins.
-    design
-        (N, p) A per unit of each parameter, in the gain of the link's own joint.
-    inner
-        Noise of bins without the level that a run shares; a bin that it whitens has variance one.
-    ones, regressors, target
-        (R, k), (R, k, p), (R, k): each run's constant, design and current, whitened by `inner`, along the k directions
-        that its design and the first harmonic of the position span (what a model leaves there is noise); zero where a
-        run spans fewer.
-    counts
-        (R,) directions of each run.
-    moved
-        (R, k, P) likewise, what effects of the load change with parameters and ratios through the load; None where it
-        is not looked at.
-    slow
-        How many times the density of `inner` slow noise has inside runs.
+    `design` is (N, p) A per unit of each parameter, in the gain of the link's own joint. `inner` is the noise of bins
+    without the level that a run shares; what it whitens has variance one, and `slow` times its density is slow noise
+    inside runs. `ones` (R, k), `regressors` (R, k, p) and `target` (R, k) are each run's constant, design and current,
+    whitened, along the k directions that its design and the first harmonic of the position span (what a model leaves
+    there is noise); zero where a run spans fewer than k, of which `counts` (R,) says how many. `moved` (R, k, P) is
+    likewise what effects of the load change with parameters and ratios through the load, None where it is not looked
+    at.
     """
 
     bins: JointBins
@@ -122,25 +110,11 @@ class Row:
 
 
 def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Counts, Floats]:
-    """Columns of each run along the directions that its design spans.
+    """Columns of each of R runs (N bins) along the directions that its design (N, p) spans.
 
-    Parameters
-    ----------
-    bins
-        R runs, N bins.
-    design
-        (N, p).
-    others
-        (N, q) what else is wanted along these directions; the last is what the run's own fit explains.
-
-    Returns
-    -------
-    small
-        (R, k, p + q), zero where a run spans fewer than k.
-    counts
-        (R,) directions of each run.
-    parameters
-        (R, p) minimum-norm parameters of each run's own least squares.
+    `others` (N, q) is what else is wanted there; its last is what the run's own fit explains. Returns (R, k, p + q),
+    zero where a run spans fewer than k; (R,) directions of each run; and (R, p) minimum-norm parameters of each run's
+    own fit.
     """
     size = np.linalg.norm(design, axis=0)
     live, lengths, (n_runs, p) = np.flatnonzero(size), bins.lengths, (len(bins.runs), design.shape[1])
@@ -177,20 +151,11 @@ def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
 
 @dataclass(frozen=True, eq=False)
 class FitRow:
-    """One joint of a fit, bin by bin.
+    """One joint of a fit, bin by bin: its N bins, with loads by the fit where effects need them, and their noise.
 
-    Attributes
-    ----------
-    bins, noise
-        Its N bins, with loads by the fit where effects need them, and what their noise is like.
-    acting
-        (L,) numbers (from 0) of the parameters and ratios, P in all, that this joint feels.
-    slim, residual
-        (N, L) derivative of the prediction by these, and (N,) what the fit leaves; whitened.
-    bare, misfit
-        Both in A, not whitened.
-    total
-        P.
+    `acting` (L,) numbers the parameters and ratios, `total` in all, that this joint feels; `slim` (N, L) is the
+    derivative of the prediction by these, `residual` (N,) what the fit leaves, both whitened; `bare` and `misfit` are
+    both in A.
     """
 
     bins: JointBins
@@ -240,27 +205,13 @@ class FitRow:
 class Fit:
     """A weighted fit: everything else is a question asked of it.
 
-    Attributes
-    ----------
-    model, rows
-        The model, and a row for each joint that moves, outermost first.
-    assigned
-        (J,) joint (from 0) in whose gain link j's parameters are expressed: its own or, where that never moves, the
-        next inner one that does and feels them; -1 where there is none.
-    levels
-        Variances by joint (from 1) that the fit is weighted by.
-    weak
-        Joints whose level a run could not be estimated (too few runs).
-    system, solution
-        The whitened rows and the fit over all of them, `values` (p,) and `gains`.
-    prior
-        (P,) inverse of the prior standard deviation of each parameter and ratio, as for `fit_bilinear`; 0 without one.
-    limit
-        (p,) standard error at which each parameter says nothing any more.
-    first
-        The recursion, where the fit began with it.
-    from_replicates
-        Joints whose noise comes from repeated runs, not from what the fit leaves.
+    `rows` has a row for each joint that moves, outermost first, `levels` the variances by joint (from 1) that the fit
+    is weighted by; of `weak` joints the level a run could not be estimated (too few runs). `assigned` (J,) is the joint
+    (from 0) in whose gain link j's parameters are: its own or, where that never moves, the next inner one that does and
+    feels them; -1 where there is none. `system` holds the whitened rows, `prior` (P,) the inverse of the prior standard
+    deviation of each parameter and ratio as for `fit_bilinear`, `limit` (p,) the standard error at which each parameter
+    says nothing any more. `first` is the recursion, where the fit began with it; noise of joints in `from_replicates`
+    comes from repeated runs.
     """
 
     model: Model
@@ -397,17 +348,10 @@ class Fit:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Start:
-    """The recursion that a fit began with.
+    """The recursion that a fit began with: its rows, variances by joint (from 1), whitened rows, and result.
 
-    Attributes
-    ----------
-    rows, levels
-        Its rows, and variances by joint (from 1).
-    system, solution
-        The rows whitened, and its result, with the least squares over all rows there.
-    absorbed
-        By column (from 0) that the recursion leaves open: the ratios (i, j) of gains (joints from 1) whose loads it
-        absorbs.
+    `absorbed` maps a column (from 0) that the recursion leaves open to the ratios (i, j) of gains (joints from 1) whose
+    loads it absorbs.
     """
 
     rows: tuple[Row, ...]

@@ -75,24 +75,11 @@ def fit_bins(
 ) -> Fit:
     """Recursion from the last joint to the first, then (unless `recursive`) all rows together.
 
-    Each row is weighted by its own noise: correlated bins, and the level that a run shares.
+    Each row is weighted by its own noise: correlated bins, and the level that a run shares. Effects of the load are
+    made by the loads of the fit `before`; `progress` is called with the joint at work (0: all) and a word on what is
+    done.
 
-    Parameters
-    ----------
-    model
-        What the currents are spent on.
-    bins
-        Of some or all joints.
-    before
-        An earlier fit, by whose loads effects of the load are made.
-    recursive
-        Stop after the recursion.
-    progress
-        Called with the joint at work (0: all) and a word on what is done.
-
-    Source
-    ------
-    S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
+    Source: S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
     rows = tuple(_row(model, part, before) for part in sorted(bins, key=lambda part: -part.joint))
@@ -221,18 +208,8 @@ def refit(
 ) -> Fit:
     """The joint fit of another model, from where `before` ended and with its variances: a quick one.
 
-    Parameters
-    ----------
-    before
-        A fit of all joints.
-    model
-        The same arm with other effects, or the same ones with other shapes.
-    bins
-        The runs, where not those of `before`.
-    noise
-        By joint (from 1), to weight the fit by; as before where not given.
-    is_renewed
-        Whether the noise inside runs is estimated anew, by what the other model leaves of each.
+    `bins` are the runs, where not those of `before`, `noise` by joint (from 1) what the fit is weighted by, where not
+    as before; `is_renewed` asks to estimate noise inside runs anew, by what the other model leaves of each.
     """
     chosen = [row.bins for row in before.rows] if bins is None else sorted(bins, key=lambda part: -part.joint)
     given = dict(noise or {})

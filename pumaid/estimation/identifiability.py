@@ -64,20 +64,10 @@ SHARE = 1e-9
 class FittedParameters:
     """A fit with the covariance that belongs to it: of all joints together or of the recursion.
 
-    Attributes
-    ----------
-    fitted, solution
-        The fit, and the values shown: its own, or those of the recursion that it began with.
-    covariance, freedoms
-        (P, P) of parameters and ratios, and (P,) degrees of freedom behind each variance.
-    coverage
-        Joint (from 1) -> what its runs cover.
-    absorbed
-        That of `Start`, of the recursion only.
-    confounded
-        Parameter or ratio (from 0) -> names of what the data show only together with it.
-    profiles
-        Column (from 0) -> profile-likelihood interval.
+    `solution` holds the values shown: the fit's own, or those of the recursion that it began with. `covariance` (P, P)
+    is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` says by joint (from 1) what its
+    runs cover. `absorbed` is that of `Start`, of the recursion only; `confounded` names what the data show only
+    together with a parameter or ratio (from 0), `profiles` has profile-likelihood intervals by column.
     """
 
     fitted: Fit

@@ -147,18 +147,8 @@ def of_column(
 ) -> Reason:
     """Why `column` is not determined.
 
-    Parameters
-    ----------
-    model
-        The model fitted.
-    column
-        One of its columns.
-    coverage
-        By joint (from 1).
-    partners
-        Names of the other parameters with which it is only determined together.
-    lever
-        RMS of the column over its joint's own runs, as a share of what it is when the axis lies level.
+    `partners` are the other parameters with which it is only determined together, `lever` the RMS of the column over
+    its joint's own runs, as a share of what it is when the axis lies level.
     """
     if column.scope in (Scope.JOINT, Scope.LINK) and coverage[column.owner].runs == 0:
         return reason("no runs")
@@ -218,17 +208,8 @@ def of_ratio(
 ) -> Reason:
     """Why eta_inner / eta_outer (joints from 1) is not determined.
 
-    Parameters
-    ----------
-    model
-        The model fitted.
-    inner, outer
-        Joints (from 1).
-    coverage
-        By joint.
-    load
-        RMS (A) of the part of joint `inner`'s current that carries the ratio, 0 where there is none, and the standard
-        error (A) of that part.
+    `load` is the RMS (A) of the part of joint `inner`'s current that carries the ratio, and that part's standard error
+    (A).
     """
     redundant = model.structure.redundant.get((inner, outer))
     if redundant is not None:

@@ -145,14 +145,8 @@ class Recursion:
     def design(self, row: int, rows: Floats) -> tuple[Floats, NDArray[np.int64], list[int]]:
         """Row `row` (from 0) as plain least squares; every later row that has data must have been taken.
 
-        Returns
-        -------
-        matrix
-            (N, own + clusters) of (N, p) `rows`: the row's own columns, then one column nu a cluster that it feels.
-        own
-            Indices of the own columns.
-        roots
-            First row of the cluster behind each nu.
+        Returns (N, own + clusters) of (N, p) `rows`, the row's own columns and then one column nu a cluster that it
+        feels; the numbers of the own columns; and the first row of the cluster behind each nu.
         """
         owned = np.flatnonzero(self.owners == row)
         columns, roots = [rows[:, owned]], []
@@ -217,16 +211,9 @@ OTHER_RATIOS, BETTER = (USUAL_RATIO, -USUAL_RATIO), 0.98
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bilinear:
-    """The whitened system: for each block of rows its row of the system, regressors over all columns, and target.
+    """The whitened system: each equation's row of the system (N,), (N, p) regressors over all columns, (N,) target.
 
-    Attributes
-    ----------
-    row
-        (N,) row of the system (from 0) that each equation belongs to.
-    regressors, target
-        (N, p), (N,), whitened.
-    owners
-        (p,) row that owns each column; -1 for one that counts in every row's own current.
+    `owners` (p,) is the row (from 0) that owns each column; -1 for one that counts in every row's own current.
     """
 
     row: NDArray[np.int64]
@@ -298,26 +285,12 @@ def fit_bilinear(
     """Least squares over parameters and ratios together, from the recursion's solution.
 
     Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
-    that does not lower the sum of squares is halved.
+    that does not lower the sum of squares is halved. Edges that `gains` does not have stay unknown; `limit` is as for
+    `rank.solve`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation, of
+    parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No steps only linearise at the start.
 
-    Parameters
-    ----------
-    system
-        Whitened rows.
-    values, gains
-        Where to start; edges that `gains` does not have stay unknown.
-    limit
-        As for `rank.solve`, over [values, edges].
-    prior
-        (p + edges,) inverse of each one's prior standard deviation, of parameters about zero, of ratios about
-        `USUAL_RATIO`; 0 where there is none.
-    most_steps
-        0 only linearises at the start.
-
-    Source
-    ------
-    Maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and C. J.
-    Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
+    Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and
+    C. J. Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
     """
     p, theta = len(values), np.concatenate([values, gains.ratios])
     held = np.zeros((0, len(theta))) if prior is None else np.diag(prior)[prior > 0.0]

@@ -26,18 +26,11 @@ SHARE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Solution:
-    """A minimum-norm least-squares solution with its blind directions.
+    """A minimum-norm least-squares solution (p,) with its blind directions.
 
-    Attributes
-    ----------
-    values
-        (p,).
-    inverse
-        (p, p) pseudo-inverse of the information matrix rows'rows; the covariance when the rows are whitened.
-    blind
-        (p, b) directions, in columns, of unit length in the scaled parameters, that the rows do not determine.
-    scale
-        (p,) column norms by which the parameters were scaled; 0 for a zero column.
+    `inverse` (p, p) is the pseudo-inverse of the information matrix, the covariance when the rows are whitened; `blind`
+    (p, b) has directions, in columns, of unit length in the scaled parameters, that the rows do not determine; `scale`
+    (p,) are the column norms by which the parameters were scaled, 0 for a zero column.
     """
 
     values: Floats
@@ -58,19 +51,12 @@ def solve(
 ) -> Solution:
     """Least squares by a column-scaled singular value decomposition, minimum norm where the rank is short.
 
-    Parameters
-    ----------
-    rows, target
-        (N, p) and (N,), whitened: each target has unit variance (or any common variance if `limit` is None).
-    limit
-        (p,) largest standard error at which a parameter still says anything, positive, in its own unit. A direction is
-        blind, too, when its standard error exceeds one, each parameter measured by its limit.
-    tolerance
-        Singular values below this share of the largest count as zero.
+    `rows` (N, p) and `target` (N,) are whitened: each target has unit variance (any common one without `limit`).
+    `limit` (p,) is the largest standard error at which a parameter still says anything: a direction is blind, too, when
+    its standard error exceeds one, each parameter measured by its limit. Singular values below the share `tolerance` of
+    the largest count as zero.
 
-    Source
-    ------
-    C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, ch. 14 (the paper used their HFTI).
+    Source: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, ch. 14 (the paper used their HFTI).
     """
     norms = np.linalg.norm(rows, axis=0)
     if not norms.any():

@@ -6,15 +6,15 @@ exactly where the model has a linear form, and gravity comes from the virtual ar
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.effect_choice import did_you_mean, read_choice
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
 
@@ -335,48 +335,25 @@ def _usual(law: Law, joint: Typical) -> dict[str, float]:
 
 
 def parse(text: str, robot: Robot) -> Hidden:
-    """A hidden effect as the command line writes it, ``EFFECT[@JOINT][:key=value,...]``, with no other values.
-
-    The joint is a number from 1, a joint's name or ``all``; what is not known is refused (hide-wrong) with the nearest
-    right name.
-    """
-    head, _, tail = text.partition(":")
-    name, _, joint = head.partition("@")
-    if name not in LAWS:
-        raise _refusal(text, f"{name!r} is no effect that simulate can hide", _nearest(name, LAWS))
-    law, number = LAWS[name], _joint(text, joint, robot)
-    if law.is_of_arm and number is not None:
-        raise _refusal(text, f"{name} belongs to the whole arm", f"--hide {name}")
-    values = {}
-    for part in filter(None, tail.split(",")):
-        key, _, value = part.partition("=")
+    """A hidden effect as `read_choice` reads it; what is not there is refused (hide-wrong) with the nearest name."""
+    place = Where(field=f"--hide {text}")
+    try:
+        choice = read_choice(text, robot, "--hide")
+    except ModelError as wrong:
+        raise ModelError("hide-wrong", wrong.what, place, wrong.mend) from None
+    name, law = choice.effect, LAWS.get(choice.effect)
+    if law is None:
+        what = f"{name!r} is no effect that simulate can hide"
+        raise ModelError("hide-wrong", what, place, did_you_mean(name, LAWS, f"known: {', '.join(LAWS)}"))
+    what = mend = ""
+    if law.is_of_arm and choice.joint is not None:
+        what, mend = f"{name} belongs to the whole arm", f"--hide {name}"
+    for key, value in choice.shape.items():
         if key not in law.keys:
-            raise _refusal(text, f"{name} has no value {key!r}", _nearest(key, law.keys))
-        try:
-            values[key] = float(value)
-        except ValueError:
-            raise _refusal(text, f"{key} is {value!r}, which is no number", f"give a number for {key}") from None
-        if not abs(values[key]) <= GREATEST:
+            what, mend = f"{name} has no value {key!r}", did_you_mean(key, law.keys, f"known: {', '.join(law.keys)}")
+        elif not abs(value) <= GREATEST:
             what = f"{key} is {value}, not a finite number up to {GREATEST:g}"
-            raise _refusal(text, what, f"give a smaller number for {key}")
-    return Hidden(name, number, values)
-
-
-def _joint(text: str, joint: str, robot: Robot) -> int | None:
-    if joint in ("", "all"):
-        return None
-    names = {axis.name: axis.number for axis in robot.joints}
-    number = names.get(joint) or (int(joint) if joint.isdecimal() else 0)
-    if not 1 <= number <= robot.n_joints:
-        mend = _nearest(joint, [*names, *map(str, names.values())])
-        raise _refusal(text, f"{robot.name} has no joint {joint!r}", mend)
-    return number
-
-
-def _nearest(word: str, choices: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, choices, n=1)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(choices)}"
-
-
-def _refusal(text: str, what: str, mend: str) -> ModelError:
-    return ModelError("hide-wrong", what, Where(field=f"--hide {text}"), mend)
+            mend = f"give a smaller number for {key}"
+    if what:
+        raise ModelError("hide-wrong", what, place, mend)
+    return Hidden(name, choice.joint, dict(choice.shape))

@@ -358,10 +358,10 @@ def test_usual_size_shows(effect):
     ("text", "mend"),
     [
         ("stribek", "did you mean stribeck?"),
-        ("stribeck@7", "known: waist"),
+        ("stribeck@7", "one of waist"),
         ("stribeck@elbo", "did you mean elbow?"),
         ("stribeck:velocty=1", "did you mean velocity?"),
-        ("stribeck:a=big", "give a number for a"),
+        ("stribeck:a=big", "write a=NUMBER"),
         ("tilt@2", "--hide tilt"),
         ("", "known: stribeck"),
     ],

@@ -25,7 +25,7 @@ PACKAGE = ROOT / "pumaid"
 FLOORS = (
     {"errors", "units"},
     {"maths", "robot", "kinematics", "rigid_body", "trajectory"},
-    {"dataset", "estimate", "samples"},
+    {"dataset", "effect_choice", "estimate", "samples"},
     {"effects", "io"},
     {"preprocessing", "simulation"},
     {"joint_bins", "structure"},
