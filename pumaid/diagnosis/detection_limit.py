@@ -21,6 +21,8 @@ NORMAL = 3.0
 WAVE = 0.5
 #: A: errors below this count as it.
 TINY = float(np.finfo(float).tiny) ** 0.5
+#: Times an effect's usual size beyond which a limit is that of rounding.
+ABSURD = 1e6
 #: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
 
@@ -96,7 +98,7 @@ def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:
     first = effect.parameters(robot, key[1] or 0)[0]
     joint = robot.joint(key[1]) if key[1] and effect.scope is not Scope.ARM else robot.joints[0]
     unit = first.unit.format(unit=joint.position_unit)
-    if np.isfinite(size):
+    if size < ABSURD * (abs(first.example) or 1.0):
         return Limit(*key, first.name, size, unit)
     return Limit(
         *key, first.name, None, unit, FAINT + (f"; it is seen best in {effect.seen_in}" * bool(effect.seen_in))
