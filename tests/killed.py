@@ -22,7 +22,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 
 #: What a run loads when it needs it; loaded before the first fork it costs nothing in each trial.
 LOADED = (
-    *("pandas", "rich.console", "scipy.optimize", "pumaid.cli.commands.identify", "pumaid.cli.progress"),
+    *("pandas", "rich.console", "scipy.optimize", "pumaid.cli.commands.identify", "pumaid.cli.output"),
     *("pumaid.results.history", "pumaid.io.plan_file", "pumaid.io.log_reader"),
     *(
         "pumaid.preprocessing.log_checks",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pumaid.cli.progress import progress
+from pumaid.cli.output import progress
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import ADD, Diagnosis, Finding, read_diagnosis
 from pumaid.effect_spec import option_text

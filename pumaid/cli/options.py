@@ -105,8 +105,7 @@ def experiment_options(*, has_heldout: bool = True, has_results: bool = True) ->
     def decorate(function: Decorated) -> Decorated:
         @wraps(function)
         def run(**values: Any) -> Any:
-            from pumaid.cli.output import remark
-            from pumaid.cli.progress import counted
+            from pumaid.cli.output import counted, remark
             from pumaid.experiment import Experiment
 
             names = {"logs", "recipe", "heldout", "results", "trust", "jobs", "dask"} & set(values)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -13,6 +14,8 @@ from click.exceptions import Exit
 
 from pumaid import __version__
 from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where, visible
+
+Step = Callable[[float, str], None]
 
 
 def say(text: str = "") -> None:
@@ -92,17 +95,8 @@ def picture_form(path: Path | None) -> str:
 def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> None:
     """Refuse to write over what the command reads, under that name or another, before anything is computed.
 
-    Parameters
-    ----------
-    places
-        Where the command writes; ``-`` and none are no files.
-    read
-        Files that it works from: logs, recipe, plan, model ...; the user's own effects are taken for granted.
-
-    Raises
-    ------
-    ResultError [output-is-input]
-        A place is one of the files.
+    `places` is where the command writes (``-`` and none are no files), `read` the files that it works from; the user's
+    own effects are taken for granted. ResultError [output-is-input] where a place is one of the files.
     """
     context = click.get_current_context(silent=True)
     effects = () if context is None else context.meta.get("pumaid.effects", ())
@@ -126,3 +120,34 @@ def _is_same(one: Path, other: Path) -> bool:
 def attention() -> NoReturn:
     """Leave with exit code 1 (``--check``: something asks for attention)."""
     raise Exit(EXIT_ATTENTION)
+
+
+@contextmanager
+def progress(title: str, *, total: float | None = None) -> Iterator[Step]:
+    """A progress line on standard error, only where it is a terminal.
+
+    Yields ``step(done, text)``: how much of `total` (in any unit, None: unknown) is done, and words on what is at hand.
+    """
+    if not sys.stderr.isatty():
+        yield lambda done, text: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    words = TextColumn("{task.fields[text]}", markup=False)  # names in them may look like styles
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), words)
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task(title, total=total, text="")
+
+        def step(done: float, text: str) -> None:
+            shown.update(task, completed=done, text=visible(text))
+
+        yield step
+
+
+def counted(done: int, count: int) -> None:
+    """How many of the log files are read, on one line that goes when all are."""
+    if sys.stderr.isatty():
+        line = f"reading logs: {done} of {count} files"
+        sys.stderr.write(f"\r{line}" if done < count else f"\r{' ' * len(line)}\r")
+        sys.stderr.flush()

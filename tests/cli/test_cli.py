@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 import pumaid
 from pumaid.cli import ORDER_OF_WORK, group, output
-from pumaid.cli.progress import progress
+from pumaid.cli.output import progress
 from pumaid.errors import Note, Where
 
 COMMANDS = group.list_commands(None)

@@ -24,7 +24,7 @@ from pumaid.diagnosis.compare import compare
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures import arm, diagnosis, model, residuals, runs
+from pumaid.reporting.figures import arm, model, residuals, runs
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, Drawing, dots, inlined, styled
 from pumaid.reporting.page import all_figures
 from pumaid.reporting.text import PART_NAMES
@@ -108,7 +108,7 @@ def test_shares_stand_in_the_bars(context, figures):
 def test_legends_name_the_directions_of_the_runs(context, figures):
     """Where no run goes backward, no legend speaks of backward."""
     ahead = {drawing.name: drawing for drawing in all_figures(only(context, lambda run: run.direction > 0))}
-    for name in ("current_j1", "residual_j1", "campaign"):
+    for name in ("current_j1", "residual_j1"):
         both, forward = ([text.get_text() for text in made[name].draw().legends[0].texts] for made in (figures, ahead))
         assert {"forward", "backward"} <= set(both) and "forward" in forward and "backward" not in forward
 
@@ -153,14 +153,12 @@ def test_logs_without_runs_draw_no_empty_figure(context):
 # History
 
 
-@pytest.mark.parametrize(("n_models", "n_joints"), [(1, 1), (12, 3)])
-def test_history_has_a_panel_a_joint(n_models, n_joints):
-    """One panel for the arm, and one a joint where there are several; of twelve models the ends are shown."""
+@pytest.mark.parametrize(("n_models", "shown"), [(1, [1]), (12, [1, *range(6, 13)])])
+def test_of_many_models_the_ends_are_shown(n_models, shown):
+    """All models, or the first and the last seven."""
     with styled():
-        figure = model.history(ladder(n_models, n_joints))
-    assert len(figure.axes) == (1 if n_joints == 1 else 1 + n_joints)
-    labels = [label.get_text().split("\n")[0] for label in figure.axes[0].get_xticklabels()]
-    assert labels == (["1", *map(str, range(6, 13))] if n_models == 12 else [str(n + 1) for n in range(n_models)])
+        (axes,) = model.history(ladder(n_models, 3)).axes
+    assert [label.get_text().split("\n")[0] for label in axes.get_xticklabels()] == list(map(str, shown))
 
 
 def test_steps_stand_at_the_errors_with_their_names():
@@ -181,7 +179,7 @@ def test_before_and_after_have_one_scale():
     """The residual with the effect is seen against the one without it, in the unit asked for."""
     finding = diagnoses.stribeck()
     with styled():
-        above, below = diagnosis.draw_curve(finding, finding.curves[0], PUMA, units="deg").axes
+        above, below = residuals.draw_curve(finding, finding.curves[0], PUMA, units="deg").axes
     assert above.get_ylim() == below.get_ylim() and above.get_xlim() == below.get_xlim()
     heights = [max(abs(line.get_ydata()).max() for line in axes.lines[1:3]) for axes in (above, below)]
     assert heights[0] == pytest.approx(10.0 * heights[1])

@@ -16,8 +16,7 @@ from typing import Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, say
-from pumaid.cli.progress import progress
+from pumaid.cli.output import document, progress, say
 from pumaid.errors import ResultError, Where
 from pumaid.units import number
 

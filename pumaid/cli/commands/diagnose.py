@@ -98,10 +98,11 @@ def _diagnosis(
 
 def _draw(path: Path, diagnosis: Diagnosis, robot: Robot, *, units: str, form: str) -> None:
     """Draw what was found, if there is anything to draw."""
-    from pumaid.reporting.figures.diagnosis import diagnosis_figure, has_figure
+    from pumaid.reporting.figures.residuals import diagnosis_figure
 
-    if has_figure(diagnosis):
-        write_picture(path, diagnosis_figure(diagnosis, robot, units), form)
+    drawing = diagnosis_figure(diagnosis, robot, units)
+    if drawing is not None:
+        write_picture(path, drawing, form)
     else:
         remark(f"nothing was found that could be drawn: {path} is not written")
 

@@ -36,7 +36,7 @@ def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
       pumaid doctor
       pumaid doctor --quick --recipe my_arm/recipe.yaml
     """
-    from pumaid.cli.progress import progress
+    from pumaid.cli.output import progress
     from pumaid.results.documents import heading
 
     facts = _facts(recipe)

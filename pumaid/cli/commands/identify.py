@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, remark, spare_inputs, tables
-from pumaid.cli.progress import progress
+from pumaid.cli.output import document, notes, progress, remark, spare_inputs, tables
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment

@@ -8,7 +8,7 @@ from typing import Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import attention, picture_form, spare_inputs
+from pumaid.cli.output import attention, picture_form, progress, spare_inputs
 from pumaid.cli.planning import (
     ATTENTION,
     PLAN_FORMS,
@@ -21,7 +21,6 @@ from pumaid.cli.planning import (
     print_plan,
     write_plan,
 )
-from pumaid.cli.progress import progress
 
 _PATH = click.Path(path_type=Path)
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import content, document, notes, remark, spare_inputs
-from pumaid.cli.progress import progress
+from pumaid.cli.output import content, document, notes, progress, remark, spare_inputs
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, remark, spare_inputs, table
-from pumaid.cli.progress import progress
+from pumaid.cli.output import document, notes, progress, remark, spare_inputs, table
 
 if TYPE_CHECKING:
     from pumaid.robot import Robot

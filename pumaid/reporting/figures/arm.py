@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from itertools import groupby, product
 from typing import Any
@@ -10,13 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing
+from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing, heading, legend
 from pumaid.reporting.formatting import in_unit, shortened
 from pumaid.reporting.run_tables import PlannedPosture, planned_postures
 from pumaid.robot import Box, Robot
@@ -80,10 +78,11 @@ def skeleton(robot: Robot, position: Floats) -> Figure:
     for place, numbers in labels:
         look: dict[str, Any] = {"fontsize": 10.5, "fontweight": "bold", "textcoords": "offset points"}
         axes.annotate(", ".join(numbers), (place[0], place[1]), (9, 5), zorder=5, **look)
-    _gravity(axes, robot, np.array([flat[:, 0].max() + 0.36 * reach, flat[:, 1].max()]), 0.3 * reach)
     axes.set_aspect("equal")
     axes.axis("off")
     axes.margins(0.12)
+    axes.set_xlim(axes.get_xlim()[0], axes.get_xlim()[1] + 0.3 * reach)
+    _gravity(axes, robot)
     return figure
 
 
@@ -93,29 +92,18 @@ def _base(axes: Axes, radius: float, colour: str) -> None:
     axes.fill(disc[:, 0], disc[:, 1], color=colour, linewidth=0, zorder=0)
 
 
-def _gravity(axes: Axes, robot: Robot, start: Floats, length: float) -> None:
-    """An arrow along gravity, if there is any."""
+def _gravity(axes: Axes, robot: Robot) -> None:
+    """An arrow along gravity in the upper right corner, if there is any."""
     if not np.any(robot.gravity):
         return
-    end = start + projected(length * np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
-    style: dict[str, Any] = {"arrowstyle": "-|>", "color": GREY, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", (end[0], end[1]), (start[0], start[1]), arrowprops=style, zorder=7)
-    look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 10, "style": "italic"}
-    axes.annotate("g", (start[0], start[1]), (0, 4), **look)
-    axes.update_datalim([start, end])
+    along = 28 * projected(np.array([robot.gravity]) / np.linalg.norm(robot.gravity))[0]
+    style: dict[str, Any] = {"arrowstyle": "<|-", "color": GREY, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate("", (0.94, 0.84), (along[0], along[1]), arrowprops=style, zorder=7, **look)
+    axes.annotate("g", (0.94, 0.84), (0, 4), ha="center", fontsize=10, style="italic", **look)
 
 
 # Postures of a plan
-
-
-@dataclass(frozen=True, slots=True)
-class _Scene:
-    """What the panels of a joint share: arm, reach (m), corners of the space (2, 3) and of the panels (2, 2)."""
-
-    robot: Robot
-    reach: float
-    space: Floats
-    window: Floats
 
 
 def posture_figure(plan: Plan, robot: Robot) -> Drawing:
@@ -124,31 +112,31 @@ def posture_figure(plan: Plan, robot: Robot) -> Drawing:
 
 
 def postures(plan: Plan, robot: Robot) -> Figure:
-    """One panel a posture, those of a joint at one scale; a row, or more, a joint."""
+    """One panel a posture, those of a row at one scale; a row, or more, a joint."""
     every_posture = planned_postures(plan)
     shown = every_posture[:MOST_PANELS]
-    groups = {joint: list(group) for joint, group in groupby(shown, key=lambda posture: posture.joint)}
-    rows = [group[k : k + ACROSS] for group in groups.values() for k in range(0, len(group), ACROSS)]
+    groups = [list(group) for _, group in groupby(shown, key=lambda posture: posture.joint)]
+    rows = [group[k : k + ACROSS] for group in groups for k in range(0, len(group), ACROSS)]
     columns, count = max([3, *(len(row) for row in rows)]), max(len(rows), 1)
     figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * count + 2 * MARGIN), layout="constrained")
-    axes = figure.subplots(count, columns, squeeze=False)
-    for panel in axes.flat:
-        panel.axis("off")
-    scenes = {joint: _scene(robot, group) for joint, group in groups.items()}
-    for row, panels in zip(rows, axes, strict=False):
-        for posture, panel in zip(row, panels, strict=False):
-            _panel(panel, scenes[posture.joint], posture)
+    panels = figure.subplots(count, columns, squeeze=False, sharex="row", sharey="row")
+    for axes in panels.flat:
+        axes.axis("off")
+    middles = [_course(robot, _positions(posture, 3)[1], 0.0)[0] for posture in shown]
+    reach = max([0.1, *(float(np.ptp(points, axis=0).max()) for points in middles)])
+    for row, row_panels in zip(rows, panels, strict=False):
+        for posture, axes in zip(row, row_panels, strict=False):
+            _panel(axes, robot, posture, reach)
     rest = f", {len(every_posture) - len(shown)} more not drawn" if len(every_posture) > len(shown) else ""
-    title = f"{robot.name}: {len(every_posture)} postures, {len(plan.motions)} runs{rest}"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], color=INK, linewidth=3.4, label="held"),
-        Line2D([], [], color=FORWARD, linewidth=3.4, label="moves (thin: both ends)"),
+    heading(figure, f"{robot.name}: {len(every_posture)} postures, {len(plan.motions)} runs{rest}")
+    handles = [
+        Patch(color=INK, label="held"),
+        Patch(color=FORWARD, label="moves (thin: both ends)"),
         Patch(facecolor=FORWARD, alpha=0.2, label="swept by the tip"),
     ]
     if robot.safety and robot.safety.boxes:
         handles.append(Patch(facecolor=BACKWARD, alpha=0.2, label="forbidden box"))
-    figure.legend(handles=handles, loc="outside lower left", ncols=4)
+    legend(figure, handles, 4)
     return figure
 
 
@@ -170,44 +158,31 @@ def _course(robot: Robot, position: Floats, tip: float) -> tuple[Floats, list[in
     return np.array([*points, origins[-1] + rotations[-1] @ np.array(tool)]), places
 
 
-def _scene(robot: Robot, group: list[PlannedPosture]) -> _Scene:
-    middles = [_course(robot, _positions(posture, 3)[1], 0.0)[0] for posture in group]
-    reach = max(0.1, *(float(np.ptp(points, axis=0).max()) for points in middles))
-    points = np.concatenate(
-        [_course(robot, position, TIP * reach)[0] for posture in group for position in _positions(posture, 9)]
-    )
-    flat = np.concatenate([projected(points), projected(points * (1, 1, 0))])
-    middle, size = 0.5 * (flat.min(axis=0) + flat.max(axis=0)), np.ptp(flat, axis=0) + 2.0 * RIM * reach
-    half = 0.5 * np.array(PANEL) * np.max(size / np.array(PANEL))
-    space = np.array([points.min(axis=0) - RIM * reach, points.max(axis=0) + RIM * reach])
-    return _Scene(robot, reach, space, np.array([middle - half, middle + half]))
-
-
-def _panel(axes: Axes, scene: _Scene, posture: PlannedPosture) -> None:
-    robot, tip = scene.robot, TIP * scene.reach
+def _panel(axes: Axes, robot: Robot, posture: PlannedPosture, reach: float) -> None:
+    """The arm with the moving joint in the middle of its range, its ends, what its tip sweeps, and forbidden boxes."""
     positions = _positions(posture, 41)
-    courses = [_course(robot, position, tip) for position in positions]
+    courses = [_course(robot, position, TIP * reach) for position in positions]
     points, places = courses[len(courses) // 2]
+    space = np.concatenate([course[0] for course in courses])
     for box in robot.safety.boxes if robot.safety else ():
-        _box(axes, scene, box)
+        _box(axes, box, space.min(axis=0) - RIM * reach, space.max(axis=0) + RIM * reach)
+    look: dict[str, Any] = {"linewidth": 3.4, "solid_joinstyle": "round"}
     shadow = projected(points * (1.0, 1.0, 0.0))
-    axes.plot(shadow[:, 0], shadow[:, 1], color=FAINT, linewidth=2.6, solid_joinstyle="round", zorder=1)
-    _base(axes, 0.09 * scene.reach, GREY)
+    axes.plot(*shadow.T, color=FAINT, linewidth=2.6, solid_joinstyle="round", zorder=1)
+    _base(axes, 0.09 * reach, GREY)
     swept, pivot = projected(np.array([course[0][-1] for course in courses])), places[posture.joint - 1]
     flat = projected(points)
     if robot.joint(posture.joint).is_revolute:
         axes.add_patch(Polygon(np.vstack([flat[pivot], swept]), facecolor=FORWARD, alpha=0.13, linewidth=0, zorder=3))
-    axes.plot(swept[:, 0], swept[:, 1], color=FORWARD, linewidth=1.1, zorder=7)
+    axes.plot(*swept.T, color=FORWARD, linewidth=1.1, zorder=7)
     for end in (courses[0][0], courses[-1][0]):
-        ghost = projected(end[pivot:])
-        axes.plot(ghost[:, 0], ghost[:, 1], color=FORWARD, linewidth=1.5, alpha=0.4, zorder=4)
-    axes.plot(flat[: pivot + 1, 0], flat[: pivot + 1, 1], color=INK, linewidth=3.4, solid_joinstyle="round", zorder=5)
-    axes.plot(flat[pivot:, 0], flat[pivot:, 1], color=FORWARD, linewidth=3.4, solid_joinstyle="round", zorder=6)
+        axes.plot(*projected(end[pivot:]).T, color=FORWARD, linewidth=1.5, alpha=0.4, zorder=4)
+    axes.plot(*flat[: pivot + 1].T, color=INK, zorder=5, **look)
+    axes.plot(*flat[pivot:].T, color=FORWARD, zorder=6, **look)
     axes.plot(*flat[pivot], "o", color="white", markeredgecolor=FORWARD, markersize=6.5, zorder=8)
-    _spheres(axes, scene, positions[len(positions) // 2], posture.joint)
-    axes.set(xlim=scene.window[:, 0], ylim=scene.window[:, 1], aspect="equal")
-    size = np.ptp(scene.window, axis=0)
-    _gravity(axes, robot, scene.window[1] - np.array([0.05, 0.25]) * size, 0.13 * float(size[1]))
+    _spheres(axes, robot, positions[len(positions) // 2], posture.joint)
+    axes.set_aspect("equal")
+    _gravity(axes, robot)
     _title(axes, robot, posture)
 
 
@@ -222,18 +197,17 @@ def _title(axes: Axes, robot: Robot, posture: PlannedPosture) -> None:
     axes.set_title(title, fontsize=7.5, fontweight="normal")
 
 
-def _spheres(axes: Axes, scene: _Scene, position: Floats, joint: int) -> None:
-    origins, rotations = frames(scene.robot, position)
-    for sphere in scene.robot.safety.spheres if scene.robot.safety else ():
-        centre = origins[sphere.link] + rotations[sphere.link] @ np.array(sphere.centre)
-        x, y = projected(centre[None])[0]
+def _spheres(axes: Axes, robot: Robot, position: Floats, joint: int) -> None:
+    origins, rotations = frames(robot, position)
+    for sphere in robot.safety.spheres if robot.safety else ():
+        centre = projected((origins[sphere.link] + rotations[sphere.link] @ np.array(sphere.centre))[None])[0]
         colour = FORWARD if sphere.link >= joint else INK
-        axes.add_patch(Circle((x, y), sphere.radius, facecolor=colour, alpha=0.12, linewidth=0, zorder=4))
+        axes.add_patch(Circle(centre, sphere.radius, facecolor=colour, alpha=0.12, linewidth=0, zorder=4))
 
 
-def _box(axes: Axes, scene: _Scene, box: Box) -> None:
-    """The outline of the part of a box that lies in the space drawn."""
-    low, high = np.maximum(box.low, scene.space[0]), np.minimum(box.high, scene.space[1])
+def _box(axes: Axes, box: Box, lowest: Floats, highest: Floats) -> None:
+    """The outline of the part of a box that lies between two corners (3,) of the space drawn."""
+    low, high = np.maximum(box.low, lowest), np.minimum(box.high, highest)
     if (low < high).all():
         corners = projected(np.array(list(product(*zip(low, high, strict=True)))))
         outline = corners[ConvexHull(corners).vertices]

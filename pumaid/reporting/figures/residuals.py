@@ -1,4 +1,4 @@
-"""Measured and predicted currents, and the residual against everything that could cause it."""
+"""Currents and residuals: measured and predicted, the residual by variable, its parts, and what findings explain."""
 
 from __future__ import annotations
 
@@ -12,33 +12,45 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
+from pumaid.diagnosis.records import Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
 from pumaid.estimation.evaluate import TOGETHER, JointScore, RunScore
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
-    BACKWARD,
-    FORWARD,
+    COLOURS,
     GREY,
     INK,
     Drawing,
     clock_shifts,
     direction_handles,
     dots,
+    error_marks,
+    legend,
     panels,
     stacked_bar,
     zero_line,
 )
-from pumaid.reporting.formatting import amperes, posture_text, shortened
-from pumaid.reporting.text import BUDGET_CAPTION, PART_NAMES, part_share
+from pumaid.reporting.formatting import amperes, in_unit, joint_title, listed, posture_text, shortened
+from pumaid.reporting.text import (
+    BUDGET_CAPTION,
+    PART_NAMES,
+    form_sentence,
+    label,
+    part_share,
+    place,
+    variable_name,
+)
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
 
 #: Postures of a joint in a figure of currents; bins over position (fine enough for a ripple) and other variables.
 MOST_POSTURES, FINE, COARSE = 3, 48, 14
 
-#: A variable is drawn if it varies by more than this: speed (share of the largest), temperature (K), load (A).
-SPEED_CHANGE, TEMPERATURE_CHANGE, LOAD_CHANGE = 0.05, 0.5, 1e-6
+#: A variable is drawn if it varies by more than this: speed (share of the largest), A, posture, K; others always.
+LEAST = {"speed": 0.05, "gravity": 1e-6, "posture": 0.5, "temperature": 0.5}
 
 #: Share of a bar with room for its number.
 ROOM = 0.1
@@ -55,6 +67,12 @@ PART_COLOURS = {
     "noise_inside": "#d3d7dd",
     "noise_shared": "#a9b0ba",
 }
+
+#: Line styles of an effect and of its rivals, in turn.
+DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)))
+
+#: s above which times are in minutes; range of a residual in multiples of its largest mark; findings in one figure.
+MINUTES, RANGE, MOST_ROWS = 300.0, 1.6, 6
 
 
 # Currents
@@ -85,24 +103,23 @@ def _currents(context: ReportContext, joint: int) -> Figure:
         axes.text(0.0, 1.02, f"other joints at {posture} {unit}", transform=axes.transAxes, fontsize=8.5)
     all_axes[-1].set_xlabel(f"position of joint {joint} ({context.position_unit(joint)})")
     all_axes[0].set_title(shortened(context.title(joint), 40), pad=18)
-    handles = direction_handles(score.run.direction for group in groups for score in group)
-    handles.append(Line2D([], [], color=INK, linewidth=1.1, label="predicted"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, handlelength=1.2)
+    predicted = Line2D([], [], color=INK, linewidth=1.1, label="predicted")
+    legend(figure, [*direction_handles(score.run.direction for group in groups for score in group), predicted])
     return figure
 
 
 def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> None:
     """Measured (dots) and predicted (lines) current of runs in one posture."""
     joint = group[0].run.joint
-    for sign, colour in ((1, FORWARD), (-1, BACKWARD)):
+    for sign in (1, -1):
         scores = [score for score in group if score.run.direction == sign]
-        places = [context.shown(joint, score.run.bins.position[:, joint - 1]) for score in scores]
+        positions = [context.shown(joint, score.run.bins.position[:, joint - 1]) for score in scores]
         if scores:
             measured = np.concatenate([score.run.bins.current for score in scores])
-            dots(axes, np.concatenate(places), measured, colour=colour, size=2.6, alpha=0.75)
-        for score, place in zip(scores, places, strict=True):
-            order = np.argsort(place)
-            axes.plot(place[order], score.predicted[order], color=INK, linewidth=0.7, zorder=1.5)
+            dots(axes, np.concatenate(positions), measured, colour=COLOURS[sign], size=2.6, alpha=0.75)
+        for score, position in zip(scores, positions, strict=True):
+            order = np.argsort(position)
+            axes.plot(position[order], score.predicted[order], color=INK, linewidth=0.7, zorder=1.5)
 
 
 # Residuals
@@ -123,14 +140,13 @@ def residual_figures(context: ReportContext) -> list[Drawing]:
 def _residuals(context: ReportContext, joint: int) -> Figure:
     """One panel a variable."""
     bins = joint_residuals(context, joint)
-    names, floor = varying(bins), context.comparison.joints[joint - 1].noise_floor
+    names = varying(bins)
     figure, all_axes = panels(len(names), height=1.28 if len(names) > 2 else 1.6, sharey=True)
     for axes, name in zip(all_axes, names, strict=True):
-        _binned(axes, bins, name, floor)
+        _binned(axes, bins, name, context.comparison.joints[joint - 1].noise_floor)
         axes.set_ylabel("residual (A)")
     all_axes[0].set_title(f"{shortened(context.title(joint), 40)}: residual")
-    handles = direction_handles(bins["direction"], backward="s")
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=1.2)
+    legend(figure, direction_handles(bins["direction"]))
     return figure
 
 
@@ -160,12 +176,9 @@ def varying(bins: pd.DataFrame) -> list[str]:
     """Names of the variables that vary enough to show a dependence; position and time always."""
     names = []
     for name in bins.columns[3:]:
-        values = bins[name].to_numpy()
-        values = values[np.isfinite(values)]
-        spread = float(np.ptp(values)) if len(values) else 0.0
-        least = {"speed": SPEED_CHANGE * float(np.max(values, initial=0.0)), "temperature": TEMPERATURE_CHANGE}
-        least |= {"gravity": LOAD_CHANGE, "posture": 0.5, "position": -1.0, "time": -1.0}
-        names += [name] if spread > least[name.split()[0]] else []
+        word, spread = name.split()[0], bins[name].max() - bins[name].min()
+        least = LEAST.get(word, -1.0) * (bins[name].max() if word == "speed" else 1.0)
+        names += [name] if spread > least else []
     return names
 
 
@@ -178,75 +191,22 @@ def _load(score: RunScore) -> Floats:
 def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> None:
     """Residuals as dots, and means over runs in bins of a variable with their standard errors."""
     zero_line(axes, floor)
-    is_fine, is_grouped = name.startswith("position"), name.startswith(("speed", "posture"))
-    line, size = ("-", 2.4) if is_fine else ("", 4.2)
-    for sign, colour, marker in ((1, FORWARD, "o"), (-1, BACKWARD, "s")):
+    is_position = name.startswith("position")
+    look = {"markersize": 2.4, "linestyle": "-", "linewidth": 0.8} if is_position else {"markersize": 4.2}
+    count = COARSE if name.startswith(("gravity", "time", "temperature")) else FINE
+    for sign in (1, -1):
         side = bins[(bins["direction"] == sign) & np.isfinite(bins[name])]
         if side.empty:
             continue
-        x, residual = side[name].to_numpy(), side["residual"].to_numpy()
-        labels = _groups(x) if is_grouped else _bin_numbers(x, FINE if is_fine else COARSE)
-        x = x * (1.0 + 0.006 * sign) if is_grouped else x
-        dots(axes, x, residual, colour=colour, size=1.6, alpha=0.28)
-        places = pd.Series(x).groupby(labels).mean()
-        means = pd.Series(residual).groupby([labels, side["run"].to_numpy()]).mean().groupby(level=0)
-        look: dict[str, Any] = {"linewidth": 0.8, "color": colour, "markersize": size, "elinewidth": 1.1, "zorder": 4}
-        axes.errorbar(places, means.mean(), yerr=means.sem(), fmt=marker + line, markeredgecolor="none", **look)
-    axes.margins(x=0.05 if is_fine else 0.08)
+        dots(axes, side[name].to_numpy(), side["residual"].to_numpy(), colour=COLOURS[sign], size=1.6, alpha=0.28)
+        labels = pd.cut(side[name], count, labels=False)
+        means = side.groupby([labels, "run"])["residual"].mean().groupby(level=0)
+        error_marks(axes, side[name].groupby(labels).mean(), means.mean(), means.sem(), sign=sign, **look)
+    axes.margins(x=0.05)
     axes.set_xlabel(name, labelpad=1)
     # The same scale above and below zero, with room for 99 % of the residuals.
     top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
     axes.set_ylim(-top, top)
-
-
-def _bin_numbers(x: Floats, bins: int) -> Floats:
-    low, high = x.min(), x.max()
-    edges = np.linspace(low, high if high > low else low + 1.0, bins + 1)
-    return np.clip(np.digitize(x, edges) - 1, 0, bins - 1).astype(float)
-
-
-def _groups(x: Floats) -> Floats:
-    """Number of the group of like values: those that differ by less than 3 % of the largest belong together."""
-    values = np.unique(x)
-    steps = np.diff(values) > 0.03 * max(float(np.abs(values).max()), 1e-12)
-    return np.concatenate([[0.0], np.cumsum(steps)])[np.searchsorted(values, x)]
-
-
-def campaign_figure(context: ReportContext) -> Drawing:
-    """Error of each run in the order of the logs."""
-    caption = (
-        "One mark a run: mean residual, bar: ± RMSE, band: noise floor. Diamonds: held-out runs. Hollow: the prediction"
-        " depends on parameters that are not identified."
-    )
-    return Drawing("campaign", "Error of each run", caption, partial(_campaign, context))
-
-
-def _campaign(context: ReportContext) -> Figure:
-    """One panel a joint."""
-    joints = context.moving()
-    figure, all_axes = panels(len(joints), height=0.92 if len(joints) > 2 else 1.7, width=4.9, sharex=True)
-    for axes, joint in zip(all_axes, joints, strict=True):
-        floor, top = context.comparison.joints[joint - 1].noise_floor, 0.0
-        zero_line(axes, floor)
-        for number, score in enumerate(context.comparison.runs, start=1):
-            if score.run.joint == joint:
-                colour = FORWARD if score.run.direction > 0 else BACKWARD
-                face = "none" if score.undetermined else colour
-                marker = "D" if score.run.heldout else "o"
-                look: dict[str, Any] = {"color": colour, "markersize": 3.2, "markerfacecolor": face, "elinewidth": 0.7}
-                axes.errorbar(number, score.bias, yerr=score.rmse, fmt=marker, zorder=3, **look)
-                top = max(top, abs(score.bias) + score.rmse)
-        top = 1.15 * max(top, floor or 0.0, 1e-9)
-        axes.set_ylim(-top, top)
-        axes.set_ylabel(f"joint {joint}\n(A)", fontsize=9)
-        axes.locator_params(axis="y", nbins=3)
-    all_axes[0].set_title("Error of each run")
-    all_axes[-1].set_xlabel("run, in the order of the logs")
-    handles = direction_handles(score.run.direction for score in context.comparison.runs)
-    if any(score.run.heldout for score in context.comparison.runs):
-        handles.append(Line2D([], [], linestyle="", marker="D", markersize=4, color=INK, label="held out"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, handletextpad=0.2)
-    return figure
 
 
 # Residual budget
@@ -265,16 +225,15 @@ def budget_figure(context: ReportContext) -> Drawing:
 def _budget(context: ReportContext) -> Figure:
     figure = Figure(figsize=(5.1, 0.42 * len(budgets(context)) + 1.5), layout="constrained")
     axes = figure.subplots()
-    handles = _budget_bars(axes, context)
+    legend(figure, _budget_bars(axes, context), 2)
     axes.set_title("Residual budget")
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=1.1)
     return figure
 
 
 def _budget_bars(axes: Axes, context: ReportContext) -> list[Patch]:
     """Draw the bars, significant parts first, unassigned parts and noise last; what the legend says of them."""
     order, scores, names = list(PART_COLOURS)[-3:], budgets(context), set()
-    for place, score in enumerate(scores):
+    for row, score in enumerate(scores):
         budget = score.budget
         assert budget is not None
         parts = sorted(budget.parts, key=lambda p: (order.index(p.name) if p.name in order else -1, -p.mean_square))
@@ -283,10 +242,10 @@ def _budget_bars(axes: Axes, context: ReportContext) -> list[Patch]:
             is_open = part.name == "unassigned" and not part.is_more
             bar.append((part_share(budget, part), PART_COLOURS[part.name], 0.45 if is_open else 1.0))
             names |= {part.name} if part.mean_square > 0.0 else set()
-        stacked_bar(axes, place, bar, room=ROOM)
+        stacked_bar(axes, row, bar, room=ROOM)
     axes.set_yticks(range(len(scores)), [f"joint {score.joint}" for score in scores])
     axes.set(ylim=(len(scores) - 0.5, -0.5), xlim=(0.0, 1.0))
-    axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    axes.xaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_xlabel("share of the mean squared residual (right: RMSE)", labelpad=1)
     right = axes.secondary_yaxis("right")
     right.set_yticks(range(len(scores)), [amperes(score.rmse) for score in scores])
@@ -306,8 +265,8 @@ def overview_figure(context: ReportContext) -> Drawing:
 
 def _overview(context: ReportContext) -> Figure:
     bins = {joint: joint_residuals(context, joint) for joint in context.moving()}
-    drawn = {name.split(" (")[0] for joint in bins for name in varying(bins[joint])}
-    words = [word for word in ("position", "speed", "gravity current", "time", "temperature") if word in drawn]
+    drawn = {joint: {name.split(" (")[0]: name for name in varying(frame)} for joint, frame in bins.items()}
+    words = [word for word in dict.fromkeys(word for names in drawn.values() for word in names) if word != "posture"]
     heights = (0.3 * len(bins) + 1.1, 1.45 * len(bins) + 0.9)
     figure = Figure(figsize=(4.5 + 2.3 * len(words), sum(heights)), layout="constrained")
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -315,29 +274,149 @@ def _overview(context: ReportContext) -> Figure:
     above.legend(handles=_budget_bars(axes, context), loc="outside right center", handlelength=1.1)
     axes.set_title(f"{shortened(context.robot.name)}: residual budget")
     widths = [1.5, 1.5, *[1.0] * (len(words) - 1)]
-    all_axes = below.subplots(len(bins), 1 + len(words), squeeze=False, width_ratios=widths)
-    for row, joint in zip(all_axes, bins, strict=True):
-        _overview_row(row, context, joint, words=words, bins=bins[joint])
+    rows = below.subplots(len(bins), 1 + len(words), squeeze=False, width_ratios=widths)
+    for row, (joint, names) in zip(rows, drawn.items(), strict=True):
+        _course(row[0], context, context.postures(joint)[0])
+        row[0].set_xlabel(f"position ({context.position_unit(joint)})", labelpad=1)
+        row[0].set_ylabel(f"joint {joint} (A)")
+        for word, axes in zip(words, row[1:], strict=True):
+            if word not in names:
+                axes.set_axis_off()
+                continue
+            _binned(axes, bins[joint], names[word], context.comparison.joints[joint - 1].noise_floor)
+            axes.tick_params(axis="y", labelleft=word == "position")
     heads = ("measured (dots), predicted", *(f"residual by {word}" for word in words))
-    for head, axes in zip(heads, all_axes[0], strict=True):
+    for head, axes in zip(heads, rows[0], strict=True):
         axes.set_title(head, fontsize=9.5)
-    band = Line2D([], [], color=GREY, alpha=0.4, linewidth=7, label="noise floor")
-    ways = direction_handles((score.run.direction for score in context.comparison.runs), backward="s")
-    below.legend(handles=[*ways, band], loc="outside lower center", ncols=3)
+    band = Patch(color=GREY, alpha=0.4, label="noise floor")
+    legend(below, [*direction_handles(score.run.direction for score in context.comparison.runs), band])
     return figure
 
 
-def _overview_row(
-    row: Sequence[Axes], context: ReportContext, joint: int, *, words: Sequence[str], bins: pd.DataFrame
-) -> None:
-    _course(row[0], context, context.postures(joint)[0])
-    row[0].set_xlabel(f"position ({context.position_unit(joint)})", labelpad=1)
-    row[0].set_ylabel(f"joint {joint} (A)")
-    names = {name.split(" (")[0]: name for name in varying(bins)}
-    for word, axes in zip(words, row[1:], strict=True):
-        if word not in names:
-            axes.set_axis_off()
-            continue
-        _binned(axes, bins, names[word], context.comparison.joints[joint - 1].noise_floor)
-        axes.locator_params(axis="y", nbins=4)
-        axes.tick_params(axis="y", labelleft=word == "position")
+# Findings
+
+
+def finding_figures(finding: Finding, robot: Robot, *, name: str, units: str = "rad") -> list[Drawing]:
+    """One figure for each joint whose current the effect changes most; files are called `name` with the joint."""
+    drawings = []
+    for curve in finding.curves:
+        caption = f"Above: residual, means over runs with standard errors; line: current of {label(finding.effect)}."
+        rivals = [effect for effect in _effects(curve) if effect != finding.effect]
+        if rivals:
+            caption += f" Broken: {listed(rivals, 'or')}; where the lines differ, a run would decide."
+        caption += f" Below: residual with {label(finding.effect)} in the model."
+        draw = partial(draw_curve, finding, curve, robot, units=units)
+        drawings.append(Drawing(f"{name}_j{curve.joint}", _finding_title(finding, curve, robot), caption, draw))
+    return drawings
+
+
+def _finding_title(finding: Finding, curve: Curve, robot: Robot) -> str:
+    other = "" if finding.joint == curve.joint else f" of {place(finding, robot)}"
+    return f"{joint_title(robot, curve.joint)}: {label(finding.effect)}{other}"
+
+
+def _effects(curve: Curve) -> list[str]:
+    """The effect itself and its rivals, in the order of their lines."""
+    return list(dict.fromkeys(line.effect for line in curve.lines))
+
+
+def shape_figures(joint: JointDiagnosis, robot: Robot, units: str = "rad") -> list[Drawing]:
+    """The shape of a residual without a name."""
+    shape = joint.unexplained
+    if shape is None:
+        return []
+    name = joint_title(robot, joint.joint)
+    caption = f"Means of the residual in bins of {variable_name(shape)}. {form_sentence(shape, units)}"
+
+    def draw() -> Figure:
+        figure, (axes,) = panels(1, height=2.4)
+        _shape(axes, shape, units)
+        axes.set_title(shortened(f"{name}: {shape.form}", 44))
+        return figure
+
+    return [Drawing(f"unexplained_j{joint.joint}", f"{name}: residual that no effect explains", caption, draw)]
+
+
+def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> Drawing | None:
+    """All findings in one figure: before on the left, after on the right; shapes without a name below.
+
+    None where there is nothing to draw.
+    """
+    curves = [(finding, curve) for finding in diagnosis.findings for curve in finding.curves]
+    shapes = [(joint.joint, joint.unexplained) for joint in diagnosis.joints if joint.unexplained is not None]
+    count = min(len(curves) + len(shapes), MOST_ROWS)
+
+    def draw() -> Figure:
+        figure = Figure(figsize=(8.4, 2.5 * count + 0.3), layout="constrained")
+        rows = figure.subplots(count, 2, squeeze=False)
+        for row, (finding, curve) in zip(rows, curves, strict=False):
+            row[1].sharex(row[0])
+            _before_and_after(row, finding, curve, robot, units=units)
+            row[1].legend(handles=_handles(curve), loc="lower right", fontsize=8, ncols=2)
+        for row, (joint, shape) in zip(rows[len(curves) :], shapes, strict=False):
+            row[1].remove()
+            _shape(row[0], shape, units)
+            row[0].set_title(shortened(f"{joint_title(robot, joint)}: no effect explains this", 60))
+        return figure
+
+    return Drawing("diagnosis", f"{robot.name}: missing effects", "", draw) if count else None
+
+
+def draw_curve(finding: Finding, curve: Curve, robot: Robot, *, units: str = "rad") -> Figure:
+    """Before above, after below."""
+    figure, axes = panels(2, height=1.75, sharex=True)
+    _before_and_after(axes, finding, curve, robot, units=units)
+    axes[0].set_xlabel("")
+    legend(figure, _handles(curve), 2)
+    return figure
+
+
+def _before_and_after(both: Sequence[Axes], finding: Finding, curve: Curve, robot: Robot, *, units: str) -> None:
+    values = np.concatenate([side.centres for side in curve.sides])
+    scale, unit = _scale(curve.unit, values, units)
+    largest = 1e-9
+    for axes, name in zip(both, ("before", "after"), strict=True):
+        _frame(axes, curve.variable, unit)
+        for side in curve.sides:
+            means = getattr(side, name)
+            error_marks(axes, scale * side.centres, means, side.errors, sign=side.direction)
+            largest = max(largest, float(np.nanmax(np.abs(means), initial=0.0)))
+    for line in curve.lines:
+        look: dict[str, Any] = {"color": COLOURS[line.direction], "linestyle": _dash(curve, line.effect)}
+        both[0].plot(scale * line.places, line.values, linewidth=1.4, **look)
+    for axes in both:
+        axes.set_ylim(-RANGE * largest, RANGE * largest)
+    both[0].set_title(shortened(_finding_title(finding, curve, robot), 44))
+    both[1].set_title(shortened(f"with {label(finding.effect)}", 44), fontweight="normal")
+
+
+def _scale(unit: str, values: Floats, units: str) -> tuple[float, str]:
+    """Factor and unit of a figure's axis: degrees if asked for, minutes of long times."""
+    if unit == "s" and np.nanmax(np.abs(values), initial=0.0) > MINUTES:
+        return 1.0 / 60.0, "min"
+    scale, shown = in_unit(unit, units)
+    return scale, "°C" if shown == "degC" else shown
+
+
+def _frame(axes: Axes, variable: str, unit: str) -> None:
+    zero_line(axes)
+    axes.set_xlabel(f"{variable} ({unit})" if unit else variable, labelpad=1)
+    axes.set_ylabel("residual (A)")
+
+
+def _shape(axes: Axes, shape: Unexplained, units: str) -> None:
+    scale, unit = _scale(shape.unit, shape.centres, units)
+    _frame(axes, variable_name(shape), unit)
+    if shape.form.startswith("v "):
+        axes.set_ylabel(f"viscous (A s/{shape.unit})")
+    error_marks(axes, scale * shape.centres, shape.means, shape.errors, linestyle="-", linewidth=1.0)
+    axes.axvline(scale * shape.peak, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
+
+
+def _dash(curve: Curve, effect: str) -> Any:
+    return DASHES[_effects(curve).index(effect) % len(DASHES)]
+
+
+def _handles(curve: Curve) -> list[Patch | Line2D]:
+    lines = [Line2D([], [], color=INK, linestyle=_dash(curve, name), label=name) for name in _effects(curve)]
+    return [*direction_handles(side.direction for side in curve.sides), *lines]

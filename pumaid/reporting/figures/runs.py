@@ -11,14 +11,24 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Reject, Run
-from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, PALETTE, TINT, Drawing, clock_shifts
+from pumaid.reporting.figures.style import (
+    BACKWARD,
+    FAINT,
+    FORWARD,
+    GREY,
+    PALETTE,
+    TINT,
+    Drawing,
+    clock_shifts,
+    heading,
+    legend,
+    zero_line,
+)
 from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, counted_runs, planned_postures, samples_read
 from pumaid.robot import Robot
@@ -40,14 +50,6 @@ def run_figure(dataset: Dataset, robot: Robot, units: str = "rad") -> Drawing:
     return Drawing("segments", "Runs found in the logs", caption, partial(draw_runs, dataset, robot, units=units))
 
 
-def report_run_figure(context: ReportContext) -> Drawing:
-    """The same for a report: the first runs only."""
-    runs = context.dataset.runs
-    drawing = run_figure(beginning(context.dataset), context.robot, context.units)
-    note = f"The first {MOST_RUNS} of {len(runs)} runs. " if len(runs) > MOST_RUNS else ""
-    return replace(drawing, caption=note + drawing.caption)
-
-
 def beginning(dataset: Dataset) -> Dataset:
     """The dataset up to run number `MOST_RUNS`."""
     if len(dataset.runs) <= MOST_RUNS:
@@ -61,24 +63,21 @@ def beginning(dataset: Dataset) -> Dataset:
 
 def draw_runs(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Figure:
     """One strip, or several for a long campaign; recordings without a common clock follow one another."""
-    shifts = clock_shifts([*dataset.runs, *dataset.rejects], GAP)
+    items: list[Run | Reject] = [*dataset.runs, *dataset.rejects]
+    shifts = clock_shifts(items, GAP)
     count = max(1, min(MOST_STRIPS, math.ceil(len(dataset.runs) / RUNS_A_STRIP)))
     figure = Figure(figsize=(12.0, (4.6 if count == 1 else 2.5) * count + 0.9), layout="constrained")
     panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=(3, 2) * count)[:, 0]
-    items: list[Run | Reject] = sorted([*dataset.runs, *dataset.rejects], key=lambda r: shifts[r.clock] + r.start)
-    total = max((shifts[r.clock] + r.start + r.duration for r in items), default=1.0)
+    total = max((shifts[item.clock] + item.start + item.duration for item in items), default=1.0)
     borders = np.linspace(0.0, max(total, 1e-9), count + 1)
     scale = np.array([in_unit(joint.position_unit, units)[0] for joint in robot.joints])
     names = dict.fromkeys(in_unit(joint.position_unit, units)[1] for joint in robot.joints)
-    for strip in range(count):
-        start, stop = borders[strip], borders[strip + 1]
-        inside = [
-            r for r in items if start <= shifts[r.clock] + r.start + r.duration and shifts[r.clock] + r.start <= stop
-        ]
-        above, below = panels[2 * strip], panels[2 * strip + 1]
-        for item in inside:
-            _item((above, below), item, shift=shifts[item.clock], scale=scale)
-        above.axhline(0.0, color=INK, linewidth=0.6)
+    for (above, below), start, stop in zip(panels.reshape(-1, 2), borders[:-1], borders[1:], strict=True):
+        for item in items:
+            begin = shifts[item.clock] + item.start
+            if begin <= stop and begin + item.duration >= start:
+                _item((above, below), item, shift=shifts[item.clock], scale=scale)
+        zero_line(above)
         above.tick_params(labelbottom=False)
         above.set_ylabel(f"velocity ({' or '.join(f'{name}/s' for name in names)})")
         below.set_ylabel(f"position ({' or '.join(names)})")
@@ -87,37 +86,36 @@ def draw_runs(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Figure:
             axes.margins(y=0.08)
             axes.autoscale_view(scalex=False)
     panels[-1].set_xlabel("time (s)")
-    figure.legend(handles=_run_handles(dataset, robot), loc="outside lower center", ncols=6, handlelength=2.2)
+    legend(figure, _run_handles(dataset, robot), 6)
     used, read = sum(run.samples for run in dataset.runs), max(1, samples_read(dataset))
-    title = f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+    heading(figure, f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used")
     return figure
 
 
 def _item(both: tuple[Axes, Axes], item: Run | Reject, *, shift: float, scale: Floats) -> None:
-    """Velocity (above) and position (below) of one run or rejected stretch."""
+    """Velocity (above) and position (below) of one run, with the joints that it holds, or of one rejected stretch."""
     above, below = both
-    start, end = item.start + shift, item.start + shift + item.duration
-    is_run = isinstance(item, Run)
-    joints = [item.joint] if isinstance(item, Run) else list(item.joints)
+    is_run, joints = isinstance(item, Run), [item.joint] if isinstance(item, Run) else item.joints
     if isinstance(item, Reject) and item.reason != "rest":
+        hatch = HATCHES.get(item.reason, "....")
         for axes in both:
-            hatch = HATCHES.get(item.reason, "....")
-            axes.axvspan(start, end, facecolor=TINT, edgecolor=FAINT, hatch=hatch, linewidth=0.0, zorder=0.5)
+            start = item.start + shift
+            look: dict[str, Any] = {"facecolor": TINT, "edgecolor": FAINT, "hatch": hatch, "linewidth": 0.0}
+            axes.axvspan(start, start + item.duration, zorder=0.5, **look)
     if item.bins is None:
         return
     step = max(1, len(item.bins) // MOST_POINTS)
     time, position = item.bins.time[::step] + shift, item.bins.position[::step] * scale
     velocity = (item.velocity if isinstance(item, Run) else item.bins.velocity)[::step] * scale
-    held = [np.column_stack([time, position[:, k]]) for k in range(len(scale)) if k + 1 not in joints]
-    colours = [PALETTE[k % len(PALETTE)] for k in range(len(scale)) if k + 1 not in joints]
-    below.add_collection(LineCollection(held, colors=colours, linewidths=0.7, alpha=0.45, zorder=1))
-    for joint in joints:
-        colour = PALETTE[(joint - 1) % len(PALETTE)] if is_run else GREY
-        look: dict[str, Any] = {"color": colour, "linewidth": 1.7 if is_run else 0.8, "zorder": 3 if is_run else 2}
-        dash = "--" if isinstance(item, Run) and item.kind == "stroke" else "-"
-        above.plot(time, velocity[:, joint - 1], dash, **look)
-        below.plot(time, position[:, joint - 1], dash, **look)
+    for joint in range(1, len(scale) + 1):
+        colour = PALETTE[(joint - 1) % len(PALETTE)]
+        if joint not in joints:
+            below.plot(time, position[:, joint - 1], color=colour, linewidth=0.7, alpha=0.45, zorder=1)
+            continue
+        look = {"color": colour if is_run else GREY, "linewidth": 1.7 if is_run else 0.8, "zorder": 3 if is_run else 2}
+        look["linestyle"] = "--" if isinstance(item, Run) and item.kind == "stroke" else "-"
+        above.plot(time, velocity[:, joint - 1], **look)
+        below.plot(time, position[:, joint - 1], **look)
         if is_run:
             above.fill_between(time, 0.0, velocity[:, joint - 1], color=colour, alpha=0.18, linewidth=0)
 
@@ -165,7 +163,7 @@ def timetable(plan: Plan, robot: Robot, times: Floats) -> Figure:
             colour = BACKWARD if motion.purpose == "heldout" else FORWARD
             axes.bar(minutes[k, 0], height, np.diff(minutes[k]), align="edge", color=colour, edgecolor=colour)
         _letters(axes, numbers, letters, minutes, room=0.008 * last)
-        axes.axhline(0.0, color=INK, linewidth=0.6)
+        zero_line(axes)
         axes.set(ylim=(-1.75, 1.1), xlim=(0.0, 1.002 * last))
         axes.set_yticks([-1.0, 0.0, 1.0], [f"{-highest:.3g}", "0", f"{highest:.3g}"], fontsize=8)
         axes.set_ylabel(
@@ -174,11 +172,11 @@ def timetable(plan: Plan, robot: Robot, times: Floats) -> Figure:
     strips[-1].set_xlabel("time (min)")
     different = len(set(plan.motions))
     title = f"{robot.name}: {len(plan.motions)} runs in {last:.0f} min, {different} different ones and repeats"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+    heading(figure, title)
     handles = [Patch(color=FORWARD, label="fit"), Patch(color=BACKWARD, label="hold-out")]
     handles += [Patch(facecolor=TINT, edgecolor=GREY, label="posture of the other joints (letter)")]
     handles += [Patch(alpha=0.0, label="height: square root of speed, forward up")]
-    figure.legend(handles=handles, loc="outside lower left", ncols=4)
+    legend(figure, handles, 4)
     return figure
 
 

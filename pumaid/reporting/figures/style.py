@@ -13,10 +13,10 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import PathPatch
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 #: Ink of text and axes (the page's text colour on a page); greys; Okabe and Ito's colours for the two directions.
 INK, GREY, FAINT, TINT = "#2b2f36", "#8a9099", "#c9ced6", "#f3f4f6"
 FORWARD, BACKWARD = "#0072b2", "#d55e00"
+COLOURS = {1: FORWARD, -1: BACKWARD, 0: INK}
 
 #: Okabe and Ito's colours and two more, distinct for all kinds of colour vision.
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5fa8", "#8c6d1f")
@@ -142,15 +143,28 @@ def panels(rows: int, *, height: float, width: float = WIDTH, **shared: Any) -> 
     return figure, list(figure.subplots(rows, 1, squeeze=False, **shared)[:, 0])
 
 
-def direction_handles(signs: Iterable[int], *, backward: str = "o") -> list[Line2D]:
+def direction_handles(signs: Iterable[int]) -> list[Patch]:
     """Legend of the directions of motion that are there: 1 forward, -1 backward."""
-    looks = ((1, FORWARD, "o", "forward"), (-1, BACKWARD, backward, "backward"))
     present = set(signs)
     return [
-        Line2D([], [], linestyle="", marker=marker, markersize=4.5, color=colour, label=label)
-        for sign, colour, marker, label in looks
-        if sign in present
+        Patch(color=COLOURS[sign], label=label) for sign, label in ((1, "forward"), (-1, "backward")) if sign in present
     ]
+
+
+def legend(figure: Figure | SubFigure, handles: Sequence[Artist], columns: int = 3) -> None:
+    """A legend below all panels."""
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=1.2)
+
+
+def heading(figure: Figure, text: str) -> None:
+    """A title above all panels."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
+
+
+def error_marks(axes: Axes, x: Any, y: Any, errors: Any, *, sign: int = 1, **look: Any) -> None:
+    """Marks with error bars, in the colour and form of a direction of motion; 0: of both."""
+    style: Any = {"markersize": 4.0, "linestyle": "", "elinewidth": 1.1, "markeredgecolor": "none", "zorder": 4}
+    axes.errorbar(x, y, yerr=errors, color=COLOURS[sign], marker="s" if sign < 0 else "o", **style | look)
 
 
 def dots(axes: Axes, x: Floats, y: Floats, *, colour: str, size: float = 2.2, alpha: float = 0.5) -> None:

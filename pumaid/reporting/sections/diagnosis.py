@@ -5,7 +5,7 @@ from __future__ import annotations
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT, Finding
 from pumaid.reporting import text
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.diagnosis import finding_figures, shape_figures
+from pumaid.reporting.figures.residuals import finding_figures, shape_figures
 from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.tables import candidate_table, deciding_runs_table, limit_table
 

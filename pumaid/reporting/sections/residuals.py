@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures.residuals import budget_figure, budgets, campaign_figure, residual_figures
+from pumaid.reporting.figures.residuals import budget_figure, budgets, residual_figures
 from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.tables import outside_table, worst_runs_table
 from pumaid.reporting.text import budget_limit_sentences, budget_sentence, is_noise_only, noise_only_sentence
@@ -30,6 +30,5 @@ class Residuals(Section):
             "limits": budget_limit_sentences(comparison, robot),
             "budget": budget_figure(context),
             "figures": residual_figures(context),
-            "campaign": campaign_figure(context),
             "tables": [table for table in (worst, outside_table(comparison, robot)) if table is not None],
         }
