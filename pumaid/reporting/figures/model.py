@@ -144,7 +144,7 @@ def intervals(context: ReportContext) -> Figure:
                 low, high = value.ci95
                 errors = scale * np.array([[value.value - low], [high - value.value]])
                 x = (value.joint or 0) - 0.12 * sign
-                error_marks(axes, x, scale * value.value, np.maximum(errors, 0.0), sign=sign, capsize=2.5)
+                error_marks(axes, x, scale * value.value, errors=np.maximum(errors, 0.0), sign=sign, capsize=2.5)
         drawn = {value.joint for value in shown if value.value is not None}
         for joint in {value.joint for value in shown if not is_structural(value)} - drawn:
             axes.annotate("n/i", (joint or 0, 0.0), (0, 3), textcoords="offset points", ha="center", fontsize=8.5)

@@ -201,7 +201,7 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
         dots(axes, side[name].to_numpy(), side["residual"].to_numpy(), colour=COLOURS[sign], size=1.6, alpha=0.28)
         labels = pd.cut(side[name], count, labels=False)
         means = side.groupby([labels, "run"])["residual"].mean().groupby(level=0)
-        error_marks(axes, side[name].groupby(labels).mean(), means.mean(), means.sem(), sign=sign, **look)
+        error_marks(axes, side[name].groupby(labels).mean(), means.mean(), errors=means.sem(), sign=sign, **look)
     axes.margins(x=0.05)
     axes.set_xlabel(name, labelpad=1)
     # The same scale above and below zero, with room for 99 % of the residuals.
@@ -379,7 +379,7 @@ def _before_and_after(both: Sequence[Axes], finding: Finding, curve: Curve, robo
         _frame(axes, curve.variable, unit)
         for side in curve.sides:
             means = getattr(side, name)
-            error_marks(axes, scale * side.centres, means, side.errors, sign=side.direction)
+            error_marks(axes, scale * side.centres, means, errors=side.errors, sign=side.direction)
             largest = max(largest, float(np.nanmax(np.abs(means), initial=0.0)))
     for line in curve.lines:
         look: dict[str, Any] = {"color": COLOURS[line.direction], "linestyle": _dash(curve, line.effect)}
@@ -409,7 +409,7 @@ def _shape(axes: Axes, shape: Unexplained, units: str) -> None:
     _frame(axes, variable_name(shape), unit)
     if shape.form.startswith("v "):
         axes.set_ylabel(f"viscous (A s/{shape.unit})")
-    error_marks(axes, scale * shape.centres, shape.means, shape.errors, linestyle="-", linewidth=1.0)
+    error_marks(axes, scale * shape.centres, shape.means, errors=shape.errors, linestyle="-", linewidth=1.0)
     axes.axvline(scale * shape.peak, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
 
 

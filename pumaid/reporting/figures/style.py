@@ -161,7 +161,7 @@ def heading(figure: Figure, text: str) -> None:
     figure.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
 
 
-def error_marks(axes: Axes, x: Any, y: Any, errors: Any, *, sign: int = 1, **look: Any) -> None:
+def error_marks(axes: Axes, x: Any, y: Any, *, errors: Any, sign: int = 1, **look: Any) -> None:
     """Marks with error bars, in the colour and form of a direction of motion; 0: of both."""
     style: Any = {"markersize": 4.0, "linestyle": "", "elinewidth": 1.1, "markeredgecolor": "none", "zorder": 4}
     axes.errorbar(x, y, yerr=errors, color=COLOURS[sign], marker="s" if sign < 0 else "o", **style | look)
