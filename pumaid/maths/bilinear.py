@@ -13,7 +13,6 @@ the cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,14 +50,6 @@ class Gains:
             steps.append(up)
         return steps
 
-    def root(self, row: int) -> int:
-        """First row of the cluster that `row` is in."""
-        return self.path(row)[-1]
-
-    def cluster(self, root: int) -> list[int]:
-        """Rows of the cluster with first row `root`."""
-        return [row for row in range(self.n_rows) if self.root(row) == root]
-
     def merge(self, row: int, root: int, ratio: float) -> None:
         """Make the cluster of `root` part of the cluster of `row` with eta_row / eta_root = `ratio`."""
         self.parent[root], self.edge[root] = row, ratio
@@ -81,21 +72,16 @@ class Gains:
             other.edge[edge] = float(ratio)
         return other
 
-    def scale(self, row: int, other: int) -> float:
-        """eta_row / eta_other for `other` in the subtree of `row`, 1 for itself, NaN where it is not known."""
-        steps = self.path(other)
-        return math.prod(self.edge[step] for step in steps[: steps.index(row)]) if row in steps else np.nan
-
     def ratio(self, row: int, other: int) -> float:
         """eta_row / eta_other for any two rows of one cluster, NaN where they are in different ones."""
-        above = self.path(row)
+        above, scales = self.path(row), self.scales()
         shared = next((step for step in self.path(other) if step in above), None)
-        if shared is None or not self.scale(shared, row):
+        if shared is None or not scales[shared, row]:
             return np.nan
-        return self.scale(shared, other) / self.scale(shared, row)
+        return float(scales[shared, other] / scales[shared, row])
 
     def scales(self) -> Floats:
-        """(n, n) of `scale`, 0 left of the diagonal."""
+        """(n, n) eta_row / eta_other for rows of a subtree, 1 for itself, 0 left of the diagonal, NaN where unknown."""
         out = np.triu(np.full((self.n_rows, self.n_rows), np.nan))
         for other in range(self.n_rows):
             steps = self.path(other)
@@ -151,7 +137,7 @@ class Recursion:
         owned = np.flatnonzero(self.owners == row)
         columns, roots = [rows[:, owned]], []
         scales = self.gains.scales()
-        for root in sorted({self.gains.root(other) for other in range(row + 1, self.gains.n_rows)}):
+        for root in sorted({self.gains.path(other)[-1] for other in range(row + 1, self.gains.n_rows)}):
             weights = np.nan_to_num(np.append(scales[root], 0.0)[self.owners]) * self.values
             nu = rows @ weights
             # Rounding of a regressor that is exactly zero must not become a column.

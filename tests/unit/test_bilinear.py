@@ -84,22 +84,14 @@ def test_prior_keeps_an_unseen_ratio_at_its_usual_value():
     assert found.values[0] == pytest.approx(1.0)
 
 
-def test_ratio_of_rows_on_two_branches():
-    """The ratio of two rows below a common one is the quotient of their edges, whichever way round."""
+def test_ratios_over_two_branches():
+    """The ratio of two rows below a common one is the quotient of their edges; a column acts along its branch only."""
     gains = Gains(4)
-    gains.merge(1, 3, 5.0)
-    gains.merge(0, 1, 2.0)
-    gains.merge(0, 2, 4.0)
-    assert gains.ratio(1, 2) == pytest.approx(2.0) and gains.ratio(2, 1) == pytest.approx(0.5)
-    assert gains.ratio(3, 2) == pytest.approx(0.4) and gains.ratio(0, 3) == pytest.approx(10.0)
-
-
-def test_scale_is_known_along_a_branch_only():
-    """Columns act on rows of their own branch with a known factor; across branches it is not a number."""
-    gains = Gains(3)
-    gains.merge(0, 1, 2.0)
-    gains.merge(0, 2, 4.0)
-    wanted = [[1.0, 2.0, 4.0], [0.0, 1.0, np.nan], [0.0, 0.0, 1.0]]
+    for upper, lower, ratio in ((1, 3, 5.0), (0, 1, 2.0), (0, 2, 4.0)):
+        gains.merge(upper, lower, ratio)
+    ratios = [gains.ratio(*pair) for pair in ((1, 2), (2, 1), (3, 2), (0, 3))]
+    assert ratios == pytest.approx([2.0, 0.5, 0.4, 10.0])
+    wanted = [[1.0, 2.0, 4.0, 10.0], [0.0, 1.0, np.nan, 5.0], [0.0, 0.0, 1.0, np.nan], [0.0, 0.0, 0.0, 1.0]]
     assert np.array_equal(gains.scales(), wanted, equal_nan=True)
 
 
@@ -161,26 +153,16 @@ def prediction(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return SYSTEM.scaled(chain(*edges)) @ values
 
 
-def test_jacobian_is_the_slope_of_the_prediction():
-    """Derivatives by parameters and by edges, in the order of `Gains.edges`, are finite differences'."""
-    found = SYSTEM.jacobian(TRUTH, VALUES)
-    lower = {1: 1, 2: 2, 3: 0}  # edge's lower end -> its place in `chain`
-    step = 1e-6
-    for number, edge in enumerate(TRUTH.edges):
-        ahead, back = np.array([0.5, -1.5, 2.0]), np.array([0.5, -1.5, 2.0])
-        ahead[lower[edge]] += step
-        back[lower[edge]] -= step
-        slope = (prediction(VALUES, ahead) - prediction(VALUES, back)) / (2 * step)
-        assert found[:, 5 + number] == pytest.approx(slope, abs=1e-8)
-    assert found[:, :5] == pytest.approx(SYSTEM.scaled(TRUTH))
-
-
-def test_derivative_at_a_vanishing_ratio():
-    """A ratio of zero has a derivative all the same: the columns that it would let through."""
-    gains = chain(0.5, 0.0, 2.0)
-    found = SYSTEM.jacobian(gains, VALUES)[:, 5 + gains.edges.index(1)]
-    slope = prediction(VALUES, np.array([0.5, 1.0, 2.0])) - prediction(VALUES, np.array([0.5, 0.0, 2.0]))
-    assert found == pytest.approx(slope, abs=1e-12)
+@pytest.mark.parametrize("edges", [(0.5, -1.5, 2.0), (0.5, 0.0, 2.0)], ids=["any", "a ratio of zero"])
+def test_jacobian_is_the_slope_of_the_prediction(edges):
+    """Derivatives by parameters and by edges, in the order of `Gains.edges`, are differences: it is linear in each."""
+    gains = chain(*edges)
+    found = SYSTEM.jacobian(gains, VALUES)
+    for place, edge in enumerate((3, 1, 2)):
+        ahead, back = (np.array(edges) + sign * np.eye(3)[place] for sign in (0.5, -0.5))
+        slope = prediction(VALUES, ahead) - prediction(VALUES, back)
+        assert found[:, 5 + gains.edges.index(edge)] == pytest.approx(slope, abs=1e-12)
+    assert found[:, :5] == pytest.approx(SYSTEM.scaled(gains))
 
 
 def test_far_start_still_comes_home():

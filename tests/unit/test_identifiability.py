@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -45,22 +47,20 @@ def test_ratio_of_an_unfelt_link_is_not_told():
 def test_ratios_over_two_branches_have_the_slope_of_their_edges():
     """The ratio's derivative by every edge is a finite difference's, also across branches."""
 
-    def forest(edges) -> Gains:
+    edges = {3: (1, 0.5), 1: (0, -1.5), 2: (0, 2.0), 4: (2, 3.0)}
+
+    def forest(moved: int = 0, step: float = 0.0) -> Gains:
         gains = Gains(5)
-        for (upper, lower), ratio in zip([(1, 3), (0, 1), (0, 2), (2, 4)], edges, strict=True):
-            gains.merge(upper, lower, ratio)
+        for lower, (upper, ratio) in edges.items():
+            gains.merge(upper, lower, ratio + step * (lower == moved))
         return gains
 
-    edges = np.array([0.5, -1.5, 2.0, 3.0])
-    order = [forest(edges).edges.index(lower) for lower in (3, 1, 2, 4)]
-    for row in range(5):
-        for other in range(5):
-            value, slope = ratio_gradient(forest(edges), row, other)
-            assert value == pytest.approx(forest(edges).ratio(row, other))
-            for place, number in enumerate(order):
-                step = np.eye(4)[place] * 1e-6
-                ahead, back = (forest(edges + sign * step).ratio(row, other) for sign in (1, -1))
-                assert slope[number] == pytest.approx((ahead - back) / 2e-6, abs=1e-6)
+    for row, other in product(range(5), repeat=2):
+        value, slope = ratio_gradient(forest(), row, other)
+        assert value == pytest.approx(forest().ratio(row, other))
+        for number, edge in enumerate(forest().edges):
+            ahead, back = (forest(edge, step).ratio(row, other) for step in (1e-6, -1e-6))
+            assert slope[number] == pytest.approx((ahead - back) / 2e-6, abs=1e-6)
 
 
 def test_errors_are_the_spread_of_estimates():
@@ -148,43 +148,32 @@ ONE_SPEED = experiment(PENDULUM, speeds=(0.5,))
 
 
 def by_text(estimate) -> dict:
-    return {sum_.text: sum_ for sum_ in estimate.combinations}
+    return {total.text: total for total in estimate.combinations}
 
 
 def test_friction_at_one_speed():
     """At one speed the current at that speed is told, each way, with its error, and is the truth's."""
     found = by_text(identify(dataset(TRUTH, ONE_SPEED, seed=1), PENDULUM))
-    for joint in (1, 2):
-        for sign, way in ((1, "forward"), (-1, "backward")):
-            sum_ = found[f"friction of joint {joint} {way}, at the one speed that was run"]
-            wanted = TRUTH.friction.current(joint, np.array([0.5 * sign]))[0]
-            assert abs(sum_.value - wanted) < 4 * sum_.std_error < 0.1
-            side = "plus" if sign > 0 else "minus"
-            assert sum_.terms == {
-                f"coulomb.j{joint}.{side}": 1.0,
-                f"viscous.j{joint}.{side}": pytest.approx(0.5 * sign),
-            }
+    for joint, (sign, way, side) in product((1, 2), ((1, "forward", "plus"), (-1, "backward", "minus"))):
+        total = found[f"friction of joint {joint} {way}, at the one speed that was run"]
+        wanted = TRUTH.friction.current(joint, np.array([0.5 * sign]))[0]
+        assert abs(total.value - wanted) < 4 * total.std_error < 0.1
+        assert total.terms == pytest.approx({f"coulomb.j{joint}.{side}": 1.0, f"viscous.j{joint}.{side}": 0.5 * sign})
 
 
 def test_load_in_one_posture():
-    """In one posture the whole weight on the inner joint is told at two positions, and is the truth's."""
+    """In one posture the whole weight on the inner joint is told at two positions, and a reader can add it up."""
     estimate = identify(dataset(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
     assert estimate.value("gain_ratio.1.2").state == "not_identifiable"
     found, position = by_text(estimate), np.tile(ONE_POSTURE.motions[0].hold, (2, 1))
     position[:, 0] = [0.0, np.pi / 2]
     wanted = TRUTH.gravity_current(position)[:, 0]
     for text, load in zip(("at position 0", "a quarter turn on"), wanted, strict=True):
-        sum_ = found[f"weight felt by joint 1 {text}"]
-        assert abs(sum_.value - load) < 4 * sum_.std_error < 0.2
-        assert sum_.unit == "A" and {name.split(".")[0] for name in sum_.terms} == {"gravity"}
-
-
-def test_value_is_the_sum_of_its_terms():
-    """A sum is its weights times the solution, so a reader can add it up."""
-    estimate = identify(dataset(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
-    for sum_ in estimate.combinations:
-        terms = [weight * estimate.solution[estimate.names.index(name)] for name, weight in sum_.terms.items()]
-        assert sum_.value == pytest.approx(np.sum(terms), rel=1e-6)
+        total = found[f"weight felt by joint 1 {text}"]
+        assert abs(total.value - load) < 4 * total.std_error < 0.2
+        assert total.unit == "A" and {name.split(".")[0] for name in total.terms} == {"gravity"}
+        terms = [weight * estimate.solution[estimate.names.index(name)] for name, weight in total.terms.items()]
+        assert total.value == pytest.approx(np.sum(terms), rel=1e-6)
 
 
 @pytest.mark.parametrize("plan", [ONE_POSTURE, ONE_SPEED], ids=["one posture", "one speed"])
@@ -193,7 +182,7 @@ def test_errors_are_the_spread_of_sums(plan):
     bench, told = Bench(TRUTH, plan, rate=50.0), []
     for seed in range(30):
         estimate = identify(Dataset(bench.runs(np.random.default_rng(seed))), PENDULUM)
-        told.append({sum_.text: (sum_.value, sum_.std_error) for sum_ in estimate.combinations})
+        told.append({total.text: (total.value, total.std_error) for total in estimate.combinations})
     texts = [text for text in told[0] if all(text in one for one in told)]
     assert texts
     values = np.array([[one[text] for text in texts] for one in told])
@@ -206,14 +195,10 @@ def test_several_postures_are_numbered():
     """Loads in several postures are told one by one, at most three, each the truth's in its posture."""
     truth = drawn(CRANE)
     plan = only(experiment(CRANE, postures=5), lambda motion: motion.joint == 1)
-    estimate = identify(dataset(truth, plan, seed=5), CRANE)
-    texts = [
-        sum_.text for sum_ in estimate.combinations if sum_.text.startswith("weight felt by joint 1 at position 0")
-    ]
-    assert texts and set(texts) <= {f"weight felt by joint 1 at position 0 (posture {n})" for n in (1, 2, 3)}
+    found = by_text(identify(dataset(truth, plan, seed=5), CRANE))
+    loads = {text: total for text, total in found.items() if text.startswith("weight felt by joint 1 at position 0")}
+    assert loads and set(loads) <= {f"weight felt by joint 1 at position 0 (posture {n})" for n in (1, 2, 3)}
     holds = list(dict.fromkeys(motion.hold for motion in plan.motions))
-    for text in texts:
-        position = np.array([holds[int(text[-2]) - 1]])
-        position[0, 0] = 0.0
-        sum_ = by_text(estimate)[text]
-        assert abs(sum_.value - truth.gravity_current(position)[0, 0]) < 5 * sum_.std_error
+    for text, total in loads.items():
+        position = np.array([[0.0, *holds[int(text[-2]) - 1][1:]]])
+        assert abs(total.value - truth.gravity_current(position)[0, 0]) < 5 * total.std_error

@@ -31,44 +31,38 @@ def notes(folder: Path, tables) -> str:
     return found.stderr
 
 
-def test_the_log_that_disagrees_is_named(tmp_path):
-    """Another load in one of three logs: joint 1 is missed, and that log is the one to look at."""
-    first, second, third = good(passes=3)
-    found = notes(tmp_path, [first, second.assign(i1=second.i1 + 3.5 * np.sin(second.q1)), third])
-    (line,) = [line for line in found.splitlines() if line.startswith("note[logs-disagree]")]
-    assert "log_2.csv" in line and "joint 1" in line and "joint 2" not in line
-
-
-@pytest.mark.parametrize("place", [0, 2])
-def test_a_short_log_that_disagrees_is_named(tmp_path, place):
-    """Few of its runs are of the joint: it is named all the same, and not one that is sound."""
+@pytest.mark.parametrize(("place", "share"), [(1, 1.0), (0, 0.33), (2, 0.33)], ids=["a load", "first", "last"])
+def test_the_log_that_disagrees_is_named(tmp_path, place, share):
+    """Another load, or another sign in a short log: joint 1 is missed, and no log that is sound is named."""
     tables = list(good(passes=3))
-    short = tables[place].iloc[: len(tables[place]) // 3]
-    tables[place] = short.assign(i1=-short.i1)
+    odd = tables[place].iloc[: int(share * len(tables[place]))]
+    tables[place] = odd.assign(i1=odd.i1 + 3.5 * np.sin(odd.q1) if share == 1.0 else -odd.i1)
     lines = [line for line in notes(tmp_path, tables).splitlines() if line.startswith("note[logs-disagree]")]
     assert lines and all(f"log_{place + 1}.csv is inconsistent with the other logs" in line for line in lines)
+    assert "joint 1" in lines[0] and (share < 1.0 or len(lines) == 1)
 
 
-def test_a_joint_that_no_log_explains_is_told(tmp_path):
-    """A current without its sign fits no model, in no log."""
-    found = notes(tmp_path, [table.assign(i1=table.i1.abs()) for table in good()])
-    assert "model-misses" in slugs_of(found) or "logs-disagree" in slugs_of(found)
-
-
+#: Slugs, one of which tells -> what is wrong with a column.
 SIGNALS = {
     "current-copied": lambda table: table.assign(i2=table.i1),
     "current-size": lambda table: table.assign(i1=1e3 * table.i1, i2=1e3 * table.i2),
     "clock-jitter": lambda table: table.assign(t=table.t + 0.01 * (table.index % 2)),
+    "model-misses logs-disagree": lambda table: table.assign(i1=table.i1.abs()),
+    # One sample in a hundred is far off: noise floor and misfit grow alike, and still it is said.
+    "current-spikes run-stands-out": lambda table: table.assign(
+        i2=table.i2 - 3.0 * (np.random.default_rng(5).random(len(table)) < 0.01)
+    ),
 }
 
 
-@pytest.mark.parametrize("slug", SIGNALS)
-def test_each_doubt_on_a_signal_has_its_note(tmp_path, slug):
+@pytest.mark.parametrize("slugs", SIGNALS)
+def test_each_doubt_on_a_signal_has_its_note(tmp_path, slugs):
     """What is wrong with a column is told by name, or refused."""
     arm = make(tmp_path / "arm")
     for number, table in enumerate(good(), start=1):
-        (arm / "logs" / f"log_{number}.csv").write_text(csv(SIGNALS[slug](table)), encoding="utf-8")
-    assert f"[{slug}]" in invoke("identify", str(arm / "logs")).stderr
+        (arm / "logs" / f"log_{number}.csv").write_text(csv(SIGNALS[slugs](table)), encoding="utf-8")
+    told = invoke("identify", str(arm / "logs")).stderr
+    assert any(f"[{slug}]" in told for slug in slugs.split())
 
 
 def test_a_run_that_is_not_like_the_others_is_named(tmp_path):
@@ -82,54 +76,32 @@ def test_a_run_that_is_not_like_the_others_is_named(tmp_path):
     assert "1 of " in line and "log_1.csv, row" in line and "joint 1" in line
 
 
-@pytest.mark.parametrize("size", [3.0, -3.0])
-def test_noise_that_is_mostly_spikes_is_told(tmp_path, size):
-    """One sample in a hundred is far off: noise floor and misfit grow alike, and still it is said."""
-    rng = np.random.default_rng(5)
-    found = notes(tmp_path, [table.assign(i2=table.i2 + size * (rng.random(len(table)) < 0.01)) for table in good()])
-    assert "current-spikes" in slugs_of(found) or "run-stands-out" in slugs_of(found)
-
-
 def value(name: str, size: float, error: float) -> Value:
     """An identified parameter."""
-    return Value(
-        name,
-        name,
-        int(name.split(".")[1].lstrip("j")),
-        "A",
-        size,
-        error,
-        (size - 2.0 * error, size + 2.0 * error),
-        20.0,
-    )
+    ends = (size - 2.0 * error, size + 2.0 * error)
+    return Value(name, name, int(name.split(".")[1].lstrip("j")), "A", size, error, ends, 20.0)
 
 
 @pytest.mark.parametrize(
-    ("second", "ratio", "is_odd"), [(1, 0.5, False), (1, -0.5, True), (-1, 0.5, True), (-1, -0.5, False)]
+    ("name", "ways", "size", "is_odd"),
+    [
+        ("gain_ratio.1.2", (1, 1), 0.5, False),
+        ("gain_ratio.1.2", (1, 1), -0.5, True),
+        ("gain_ratio.1.2", (1, -1), 0.5, True),
+        ("gain_ratio.1.2", (1, -1), -0.5, False),
+        ("inertia.j1.J", (1, 1), 0.3, False),
+        ("inertia.j1.J", (1, 1), -0.3, True),
+        ("inertia.j1.J", (-1, 1), -0.3, False),
+        ("inertia.j1.J", (-1, 1), 0.3, True),
+    ],
 )
-def test_gains_by_load_and_by_friction_have_one_sign(second, ratio, is_odd):
-    """Friction opposes motion, so it tells how a motor counts; a ratio that is near zero has no sign."""
-    friction = [
-        value(f"coulomb.j{j}.{side}", way * sign, 0.02) for j, way in ((1, 1), (2, second)) for side, sign in SIDES
-    ]
-    found = list(of_signs([*friction, value("gain_ratio.1.2", ratio, 0.01)]))
-    assert [note.slug for note in found] == ["sign-odd"] * is_odd
-    assert list(of_signs([*friction, value("gain_ratio.1.2", ratio, 0.2)])) == []
-    assert list(of_signs([value("gain_ratio.1.2", ratio, 0.01)])) == []
-
-
-@pytest.mark.parametrize(
-    ("way", "size", "is_odd"), [(1, 0.3, 0), (1, -0.3, 1), (-1, -0.3, 0), (-1, 0.3, 1), (1, -0.01, 0)]
-)
-def test_an_inertia_below_zero_is_told(way, size, is_odd):
-    """Which sign is below zero depends on how the motor counts; one that may be zero is none."""
-    friction = [value(f"coulomb.j1.{side}", way * sign, 0.02) for side, sign in SIDES]
-    found = list(of_signs([*friction, value("inertia.j1.J", size, 0.02)]))
-    assert [note.slug for note in found] == ["sign-odd"] * is_odd
-    assert list(of_signs([value("inertia.j1.J", size, 0.02)])) == []
-
-
-SIDES = (("plus", 1.0), ("minus", -0.8))
+def test_what_has_the_other_sign_than_friction_is_told(name, ways, size, is_odd):
+    """Friction opposes motion, so it tells how a motor counts; what may be zero has no sign."""
+    sides = (("plus", 1.0), ("minus", -0.8))
+    friction = [value(f"coulomb.j{j}.{side}", way * k, 0.02) for j, way in enumerate(ways, 1) for side, k in sides]
+    assert [note.slug for note in of_signs([*friction, value(name, size, 0.01)])] == ["sign-odd"] * is_odd
+    assert list(of_signs([*friction, value(name, size, 0.2)])) == []
+    assert list(of_signs([value(name, size, 0.01)])) == []
 
 
 def test_a_fit_with_more_effects_that_is_worse_is_refused():
@@ -217,7 +189,6 @@ def exact(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(i1=i1, i2=0.3 * np.cos(table.q1 + table.q2) + 0.3 * moves[1] + 0.1 * table.qd2)
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     ("change", "where", "size"),
     [
@@ -231,9 +202,9 @@ def exact(table: pd.DataFrame) -> pd.DataFrame:
     ],
     ids=["zero", "friction", "gain"],
 )
-def test_a_change_is_told_with_its_size(seed, change, where, size):
+def test_a_change_is_told_with_its_size(change, where, size):
     """A sensor's zero, friction and a gain that are others in the second pass, by three times the noise at most."""
-    first, second = good(600 + seed)
+    first, second = good(600)
     (text,) = told((first, change(second)))
     assert where in text and text.startswith("joint 1 draws ")
     number, error = (float(part) for part in text.removeprefix("joint 1 draws ").split()[:3:2])
