@@ -89,11 +89,9 @@ def command(effect: Effect) -> str:
 
 def bounds(low: float | None, high: float | None) -> str:
     """Bounds in words."""
-    if low is None and high is None:
-        return "any"
-    if high is None:
-        return f"{low:g} or more"
-    return f"{high:g} or less" if low is None else f"{low:g} to {high:g}"
+    if low is None:
+        return "any" if high is None else f"{high:g} or less"
+    return f"{low:g} or more" if high is None else f"{low:g} to {high:g}"
 
 
 def merged(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -170,12 +168,6 @@ class Signature:
         curves = {name: getattr(self, name)[::4] for name in ("values", "forward", "backward")}
         return {"variable": self.variable, "unit": self.unit, **curves, "at": self.text}
 
-    @property
-    def is_same_both_ways(self) -> bool:
-        """Whether the direction of motion makes no difference."""
-        size = float(np.abs(self.forward).max(initial=0.0))
-        return bool(np.allclose(self.forward, self.backward, atol=FLAT * max(size, 1e-300)))
-
 
 def signature(effect: Effect) -> Signature:
     """The current of `effect` against the variable of its family, or the first other one in which it varies."""
@@ -221,60 +213,46 @@ def _against(effect: Effect, variable: str) -> Signature:
 
 def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Samples:
     """Samples in which one variable takes `values` and the rest is constant."""
-    signals = {name: np.full(len(values), value) for name, value in CONSTANT.items()}
-    if variable in signals:
-        signals[variable] = values
-    position = np.full((len(values), HANGING.n_joints), 0.4)
+    count = len(values)
+    signals = {name: np.full(count, value) for name, value in CONSTANT.items()} | {variable: values}
+    position, velocity = np.full((count, HANGING.n_joints), 0.4), np.zeros((count, HANGING.n_joints))
     position[:, joint - 1] = signals["position"]
-    velocity = np.zeros_like(position)
     velocity[:, joint - 1] = way * signals["speed"]
     return Samples(
         joint,
         position,
         velocity,
-        acceleration=signals["acceleration"],
-        direction=np.full(len(values), way),
-        time=signals["time"],
+        direction=np.full(count, way),
         elapsed=signals["time"],
-        travel=signals["travel"],
-        temperature=signals["temperature"],
-        run=np.zeros(len(values)),
-        loads=_loads(joint, position, variable, values),
+        run=np.zeros(count),
+        loads=_loads(joint, position, signals),
+        **{name: signals[name] for name in ("acceleration", "time", "travel", "temperature")},
     )
 
 
-def _loads(joint: int, position: Floats, variable: str, values: Floats) -> Loads:
-    """Gravity's currents of the two links; the varied one as it is varied."""
+def _loads(joint: int, position: Floats, signals: dict[str, Floats]) -> Loads:
+    """Gravity's currents of the two links, or those that `signals` gives."""
     hip, beyond, knee = LOADS
     first, second = position[:, 0], position.sum(axis=1)
-    owners = np.column_stack([hip * np.cos(first) + beyond * np.cos(second), knee * np.cos(second)])
-    slope_beyond = -beyond * np.sin(second)
-    slopes = np.column_stack([-hip * np.sin(first) + slope_beyond, slope_beyond])
-    if joint == 2:
-        slopes = np.repeat(-knee * np.sin(second)[:, None], 2, axis=1)
-    load = values if variable == "load" else owners[:, joint - 1]
-    drawn = values if variable == "predicted current" else load
+    by_joint = np.column_stack([hip * np.cos(first) + beyond * np.cos(second), knee * np.cos(second)])
+    by_knee = -(beyond if joint == 1 else knee) * np.sin(second)
+    slopes = np.column_stack([by_knee - (hip * np.sin(first) if joint == 1 else 0.0), by_knee])
+    load = signals.get("load", by_joint[:, joint - 1])
     tilts = np.column_stack([np.zeros(len(load)), -slopes[:, 0]])  # the axes point along -y
     gains = np.array([1.0, beyond / knee]) if joint == 1 else np.array([knee / beyond, 1.0])
-    return Loads(load, owners, slopes, tilts, np.abs(load), drawn, gains)
+    return Loads(load, by_joint, slopes, tilts, np.abs(load), signals.get("predicted current", load), gains)
 
 
 def sketch(curve: Signature, *, width: int = 60, height: int = 11) -> str:
     """A signature as a plot of `width` letters and `height` lines: o forward, x backward, * where both are."""
-    both = np.array([curve.forward, curve.backward])
-    low, high = min(float(both.min()), 0.0), max(float(both.max()), 0.0)
-    low, high = (low, high) if high > low else (-1.0, 1.0)
     columns = np.linspace(0, len(curve.values) - 1, width).round().astype(int)
-    forward, backward = ((high - both[:, columns]) / (high - low) * (height - 1)).round().astype(int)
-    zero = round(high / (high - low) * (height - 1))
+    both = np.array([curve.forward, curve.backward])[:, columns]
+    levels = np.linspace(max(both.max(), 0.0), min(both.min(), 0.0), height)
+    forward, backward = np.abs(levels[:, None, None] - both).argmin(axis=0)
     grid = np.full((height, width), " ")
-    grid[zero] = "-"
+    grid[np.abs(levels).argmin()] = "-"
     grid[backward, range(width)] = "x"
     grid[forward, range(width)] = np.where(forward == backward, "*", "o")
-    labels = {zero: "0", 0: f"{high:.3g}", height - 1: f"{low:.3g}"}
-    margin = max(map(len, labels.values()))
-    lines = [f"{labels.get(number, ''):>{margin}} |{''.join(line).rstrip()}" for number, line in enumerate(grid)]
-    first, last = f"{curve.values[0]:.3g}", f"{curve.values[-1]:.3g}"
-    axis = f"{f'{curve.variable} ({curve.unit})':^{max(width - len(first) - len(last), 1)}}"
-    ways = "* both directions" if curve.is_same_both_ways else "o forward, x backward, * both"
-    return "\n".join([f"{'A':>{margin}}  {ways}", *lines, f"{'':>{margin}}  {first}{axis}{last}"])
+    lines = [f"{level:>9.2g} |{''.join(line).rstrip()}" for level, line in zip(levels, grid, strict=True)]
+    axis = f"{curve.values[0]:.3g} to {curve.values[-1]:.3g} {curve.unit}"
+    return "\n".join([f"{'A':>9}  o forward, x backward, * both", *lines, f"{'':11}{curve.variable} ({axis})"])

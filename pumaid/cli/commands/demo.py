@@ -57,7 +57,7 @@ def command(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
             steps.append(done)
             step(len(steps), done.line)
             if not as_json:
-                say(f"$ {done.line}\n  {done.sentence}\n")
+                say(f"$ {done.line}\n  {summary(done.answer)}\n")
     (secret,) = json.loads((folder / "logs" / "truth.json").read_text(encoding="utf-8"))["hidden"]
     diagnosis = next(done.answer for done in steps if done.answer["kind"] == "diagnosis")
     outcome, sentence = verdict(secret, diagnosis)
@@ -68,7 +68,7 @@ def command(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
         "format": 1,
         "folder": str(folder),
         "seed": seed,
-        "steps": [{"command": done.line, "told": done.sentence, "seconds": done.seconds} for done in steps],
+        "steps": [{"command": done.line, "told": summary(done.answer), "seconds": done.seconds} for done in steps],
         "hidden": [secret],
         "findings": diagnosis["findings"],
         "outcome": outcome,
@@ -86,11 +86,6 @@ class DemoStep:
     line: str
     answer: dict[str, Any]
     seconds: float
-
-    @property
-    def sentence(self) -> str:
-        """What the command showed."""
-        return summary(self.answer)
 
 
 def story(folder: Path, *, robot: str, seed: int) -> Iterator[DemoStep]:
@@ -123,13 +118,7 @@ def hidden(*, seed: int, joints: int) -> str:
 
 
 def run(*words: str) -> DemoStep:
-    """Run ``pumaid`` with some words and ``--json``, in this process; Ctrl-C ends whoever runs it, too.
-
-    Raises
-    ------
-    ResultError [step-failed]
-        The command left with another exit code than 0.
-    """
+    """Run ``pumaid`` with some words and ``--json``, in this process; ResultError [step-failed] where it fails."""
     from pumaid.cli import group
     from pumaid.cli.failures import EXIT_INTERRUPTED
 
@@ -157,9 +146,8 @@ def findings(answer: Document) -> list[Document]:
 
 def additions(answer: Document) -> list[str]:
     """Words for ``identify --add``, as the findings' own commands have them."""
-    words = [shlex.split(finding["command"]) for finding in findings(answer) if finding.get("command")]
-    named = (word for line in words for before, word in itertools.pairwise(line) if before == "--add")
-    return list(dict.fromkeys(named))
+    words = [shlex.split(finding.get("command") or "") for finding in findings(answer)]
+    return list(dict.fromkeys(word for line in words for before, word in itertools.pairwise(line) if before == "--add"))
 
 
 def place(entry: Document) -> str:
@@ -169,37 +157,31 @@ def place(entry: Document) -> str:
 
 def summary(answer: Document) -> str:
     """What a command's document shows, in a sentence."""
+    from pumaid.reporting.formatting import amperes
+
     match answer["kind"]:
-        case "recipe":
-            return f"The recipe of a {answer['robot']} with {answer['joints']} joints: geometry and limits."
         case "plan":
             return f"{len(answer['runs'])} runs in {number(answer['duration'] / 60.0, 3)} minutes of the robot's time."
-        case "simulation":
-            return f"The simulated robot made the runs: {sum(part['samples'] for part in answer['files']):,} samples."
         case "model":
             count = sum(len(joint["parameters"]) for joint in answer["joints"])
             return f"{count} parameters: {', '.join(['gravity', 'friction', *map(place, answer['effects'])])}."
         case "comparison":
-            return f"RMSE over all runs: {_milliamperes(answer['rmse'])}."
+            return f"RMSE over all runs: {amperes(answer['rmse'])}."
         case "diagnosis":
             return _diagnosed(answer)
         case "history":
             models = answer["ladders"][0]["models"]
-            errors = [_milliamperes(model.get("heldout") or model.get("rmse")) for model in models]
-            return f"RMSE: {' -> '.join(errors)}; noise floor: {_milliamperes(models[-1].get('noise_floor'))}."
-        case _:
-            return "All of it is on one page, report.html."
-
-
-def _milliamperes(value: float | None) -> str:
-    return "unknown" if value is None else f"{1e3 * value:.3g} mA"
+            errors = [amperes(model.get("heldout") or model.get("rmse")) for model in models]
+            return f"RMSE: {' -> '.join(errors)}; noise floor: {amperes(models[-1].get('noise_floor'))}."
+        case kind:
+            return f"The {kind} is written."
 
 
 def _diagnosed(answer: Document) -> str:
-    missing = []
-    for finding in findings(answer):
-        rivals = [str(rival) for rival in finding.get("rivals") or ()]
-        missing.append(place(finding) + (f" (not separated from {' or '.join(rivals)})" if rivals else ""))
+    missing = [
+        place(finding) + (f" (not separated from {' or '.join(finding['rivals'])})" if finding.get("rivals") else "")
+        for finding in findings(answer)
+    ]
     if missing:
         return f"Missing: {'; '.join(missing)}."
     unexplained = [str(joint["joint"]) for joint in answer["joints"] if joint["verdict"] == "unexplained"]
@@ -214,16 +196,13 @@ def verdict(secret: Document, answer: Document) -> tuple[str, str]:
     The word is ``named``, ``in the set``, ``wrong`` or ``missed``; the sentence says the same for people.
     """
     names, true = [place(finding) for finding in findings(answer)], place(secret)
-    false = ", ".join(name for name in names if name != true)
     if true in names:
+        false = ", ".join(name for name in names if name != true)
         return "named", f"Right: diagnosis named {true}{f'; but it named {false} as well' if false else ''}."
     for finding in findings(answer):
-        rivals = [
-            rival if "@" in rival else place({"effect": rival, "joint": finding["joint"]})
-            for rival in finding.get("rivals") or ()
-        ]
-        if true in rivals:
+        rivals = [place({"effect": rival, "joint": finding["joint"]}) for rival in finding.get("rivals") or ()]
+        if true in (*rivals, *(finding.get("rivals") or ())):
             return "in the set", f"In the set: these data do not separate {place(finding)} from {true}."
     if names:
-        return "wrong", f"Wrong: it is {true}, and diagnosis named {false}."
+        return "wrong", f"Wrong: it is {true}, and diagnosis named {', '.join(names)}."
     return "missed", f"Missed: {true} was hidden. {_diagnosed(answer)}"

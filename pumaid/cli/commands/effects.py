@@ -29,7 +29,7 @@ def command(name: str | None, as_json: bool) -> None:
     from pumaid.effect_spec import OWN
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError
-    from pumaid.reporting.effects import facts
+    from pumaid.reporting.effects import facts, signature, sketch
     from pumaid.results.documents import heading
 
     effects = catalogue()
@@ -37,58 +37,45 @@ def command(name: str | None, as_json: bool) -> None:
         near = difflib.get_close_matches(name, effects, n=1)
         mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(effects)}; {OWN}"
         raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=mend)
-    chosen = list(effects.values()) if name is None else [effects[name]]
+    chosen = [facts(effect) for effect in (effects.values() if name is None else [effects[name]])]
     if as_json:
-        document(heading("effects") | {"effects": [facts(effect) for effect in chosen]})
+        document(heading("effects") | {"effects": chosen})
     elif name is None:
-        _list([facts(effect) for effect in chosen])
+        _list(chosen)
     else:
-        _explain(facts(chosen[0]), chosen[0])
+        _explain(chosen[0], sketch(signature(effects[name])))
 
 
-def _list(chosen: list[dict[str, Any]]) -> None:
+def _list(effects: list[dict[str, Any]]) -> None:
     from pumaid.reporting.table import Table
 
-    rows = [
-        [
-            f"{effect['effect']} (in all models)" if effect["base"] else effect["effect"],
-            *(effect["title"], effect["equation"], effect["family"], ", ".join(effect["look_alikes"])),
-        ]
-        for effect in sorted(chosen, key=lambda effect: not effect["base"])
-    ]
+    rows = []
+    for effect in sorted(effects, key=lambda effect: not effect["base"]):
+        name = f"{effect['effect']} (in all models)" if effect["base"] else effect["effect"]
+        rows.append([name, effect["title"], effect["equation"], effect["family"], ", ".join(effect["look_alikes"])])
     caption = "s sign of motion, q position, v speed, t time, load: of gravity, drawn: the predicted current (A)"
     header = ("effect", "meaning", "current", "family", "look-alikes")
     table(Table("", header, rows, caption=caption, words=(0, 1, 2, 3, 4)))
 
 
-def _explain(told: dict[str, Any], effect: Any) -> None:
-    from pumaid.reporting.effects import signature, sketch
-
-    say(f"{told['effect']}: {told['title']}\n\n{told['equation']}\n\n{told['physics']}\n")
-    say(f"parameters of {told['owner']}:")
-    _numbers(told["parameters"], "parameter")
-    if told["shapes"]:
-        say("\nshape (searched, or given):")
-        _numbers(told["shapes"], "shape")
-    for kind, reason in told["not_at"].items():
-        say(f"\nnot at a {kind} joint: {reason}")
-    shown = signature(effect)
-    say(f"\nsignature ({shown.text}):\n{sketch(shown)}\n")
-    if told["look_alikes"]:
-        say(f"look-alikes: {', '.join(told['look_alikes'])}")
-    say(f"residual depends on: {', '.join(told['shown_by'])}")
-    if told["seen_in"]:
-        say(f"best seen in: {told['seen_in']}")
-    say(f"to add it: {told['command'] or 'it is in all models'}")
-    say(f"source: {told['source']}")
-
-
-def _numbers(items: list[dict[str, Any]], word: str) -> None:
+def _explain(effect: dict[str, Any], picture: str) -> None:
     from pumaid.reporting.effects import bounds, merged
     from pumaid.reporting.table import Table
 
-    rows = []
-    for item in merged(items):
-        limits, example = bounds(item["low"], item["high"]), f"{item['example']:g}"
-        rows.append([item["owner"], item["name"], item["unit"], limits, example, item["meaning"]])
-    table(Table("", ("joint", word, "unit", "bounds", "example", "meaning"), rows, words=(0, 1, 2, 3, 5)))
+    say(f"{effect['effect']}: {effect['title']}\n\n{effect['equation']}\n\n{effect['physics']}\n")
+    for kind, title in (("parameter", f"parameters of {effect['owner']}:"), ("shape", "shape (searched, or given):")):
+        rows = []
+        for item in merged(effect[f"{kind}s"]):
+            limits, example = bounds(item["low"], item["high"]), f"{item['example']:g}"
+            rows.append([item["owner"], item["name"], item["unit"], limits, example, item["meaning"]])
+        if rows:
+            header = ("joint", kind, "unit", "bounds", "example", "meaning")
+            table(Table(title, header, rows, words=(0, 1, 2, 3, 5)))
+            say()
+    lines = [f"not at a {kind} joint: {reason}\n" for kind, reason in effect["not_at"].items()]
+    lines += [f"signature ({effect['signature']['at']}):", picture, ""]
+    lines += [f"look-alikes: {', '.join(effect['look_alikes'])}"] if effect["look_alikes"] else []
+    lines += [f"residual depends on: {', '.join(effect['shown_by'])}"]
+    lines += [f"best seen in: {effect['seen_in']}"] if effect["seen_in"] else []
+    lines += [f"to add it: {effect['command'] or 'it is in all models'}", f"source: {effect['source']}"]
+    say("\n".join(lines))

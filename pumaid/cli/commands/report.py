@@ -77,13 +77,21 @@ def command(
         table = parameters_as(experiment.model(source), experiment.robot, form, units=units)
         _write([(output or Path("-"), table)], "table")
         return
+    from pumaid.reporting.page import report_files
+    from pumaid.results.documents import heading
+
     context = _context(source, experiment, units=units)
-    files = _files(context, near.results_folder, figures=figures, forms=forms, page=output)
+    files: list[tuple[Path, bytes]] = []
+    with progress("drawing") as step:
+        for number, (name, data) in enumerate(report_files(context, forms)):
+            step(number, name)
+            path = near.results_folder / name
+            if figures and name.startswith("figures/"):
+                path = figures / path.name
+            files.append((output or path if name == "report.html" else path, data))
     spare_inputs([path for path, _ in files], inputs)
     _write(files, "report")
     if as_json:
-        from pumaid.results.documents import heading
-
         head = heading("report", robot=context.robot, logs=context.comparison.logs)
         document(head | {"files": [str(path) for path, _ in files]})
 
@@ -92,7 +100,7 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
     """The model on the logs, the models before it, and the diagnosis beside it unless that cannot be used."""
     from pumaid.diagnosis.compare import compare
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, read_diagnosis, stale
-    from pumaid.errors import Note, ResultError
+    from pumaid.errors import Note, ResultError, Where
     from pumaid.reporting.context import ReportContext
     from pumaid.results.history import ladder_of
 
@@ -106,29 +114,12 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
         return context
     try:
         diagnosis = read_diagnosis(path)
+        if len(diagnosis.joints) != robot.n_joints:
+            raise ResultError("diagnosis-damaged", f"{path} is of another arm", Where(file=str(path)))
     except ResultError as error:
         notes([Note("diagnosis-damaged", f"{error.what}; the page leaves it out", error.where)])
         return context
-    if len(diagnosis.joints) != robot.n_joints:
-        notes([Note("diagnosis-damaged", f"{path} is of another arm; the page leaves it out")])
-        return context
     return replace(context, diagnosis=diagnosis, stale=stale(diagnosis, estimate, comparison.logs))
-
-
-def _files(
-    context: ReportContext, folder: Path, *, figures: Path | None, forms: Sequence[str], page: Path | None
-) -> list[tuple[Path, bytes]]:
-    """Every file with its content, the page last; nothing is written."""
-    from pumaid.reporting.page import report_files
-
-    files: list[tuple[Path, bytes]] = []
-    with progress("drawing") as step:
-        for number, (name, data) in enumerate(report_files(context, forms)):
-            step(number, name)
-            part, _, rest = name.partition("/")
-            place = figures / rest if figures and part == "figures" else folder / name
-            files.append((page or place if name == "report.html" else place, data))
-    return files
 
 
 def _write(files: Sequence[tuple[Path, bytes]], what: str) -> None:
