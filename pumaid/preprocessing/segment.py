@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Log, Reject, Run, coarser
 from pumaid.preprocessing import clock
-from pumaid.preprocessing.binning import JointMotion, Piece, Stretch, record
+from pumaid.preprocessing.binning import JointMotion, Piece, Stretch, record, sliding
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
 from pumaid.preprocessing.options import BOTH, CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
-from pumaid.preprocessing.strokes import sliding
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]

@@ -21,7 +21,7 @@ from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
 from pumaid.simulation import draw, simulate
 from pumaid.simulation.mujoco_engine import RigidArm
-from pumaid.simulation.truth_file import as_json
+from pumaid.simulation.virtual_robot import as_json
 from pumaid.trajectory import Motion, Plan
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"

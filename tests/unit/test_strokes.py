@@ -14,8 +14,8 @@ from pumaid.estimation.estimate import identify
 from pumaid.estimation.gls import fit_bins
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
+from pumaid.preprocessing.binning import sliding, stroke_bins
 from pumaid.preprocessing.options import SegmentOptions
-from pumaid.preprocessing.strokes import sliding, stroke_bins
 
 #: A by cosine, sine, one, rad/s and rad/s2; A of noise.
 TRUTH, SIGMA = np.array([3.0, 0.5, 1.0, 0.4, 0.6]), 0.02
