@@ -83,15 +83,9 @@ RunsAhead = tuple[FitRow, Counts]
 def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float, decisive: float) -> NextRun:
     """The feasible runs after which it is soonest decided which of two effects acts; none where no run decides.
 
-    Each effect is fitted, with any of its shapes and with the whole model, to the data and to what the other predicts
-    of the new runs. The smaller of the two misfits is made as large as possible (T-optimality).
-
-    Parameters
-    ----------
-    fit, rivals
-        The model without either, and both at their best shapes.
-    lead, decisive
-        The first one's evidence less the second's so far, and the lead that decides.
+    `fit` is the model without either of the rivals, which are at their best shapes; `lead` is the first one's evidence
+    less the second's so far. Each is fitted, with any shape and with the whole model, to the data and to what the other
+    predicts of the new runs. The smaller of the two misfits is made as large as possible (T-optimality).
 
     Source
     ------
@@ -127,18 +121,10 @@ def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float
 def showing(
     fit: Fit, effect: Effect, joint: int | None, *, size: float | None = None, shape: Mapping[str, float] | None = None
 ) -> NextRun | None:
-    """The feasible runs that show an effect best which the data cannot show; None where no such run shows it.
+    """The feasible runs that best show an effect which the data, fitted without it, cannot show; None where none does.
 
-    Parameters
-    ----------
-    fit
-        The model without it.
-    effect, joint
-        What may be missing, and where (from 1; None: the whole arm).
-    size
-        Of its first parameter, others in the proportion of the effect's examples; the example's where not given.
-    shape
-        Where it is known; else one from the middle of the effect's grid.
+    `joint` is from 1, None for the whole arm; `size` that of its first parameter, others in the proportion of the
+    effect's examples. A shape that is not given is one from the middle of the effect's grid.
     """
     robot = fit.model.robot
     examples = np.array([parameter.example for parameter in effect.parameters(robot, joint or 0)])
@@ -173,8 +159,7 @@ def _grid(fit: Fit, term: EffectTerm, *, most: int | None = SHAPES) -> list[Effe
 def _chance(gains: Floats, lead: float, decisive: float) -> Floats:
     """(M,) chance that one of two effects is decisively ahead after gains (2, M), where `lead` is the first's so far.
 
-    Where the first is true its lead grows by a normal variate of mean g and variance 4 g, else it falls so; which is
-    true is weighed by the lead so far.
+    A lead changes by a normal variate of mean g and variance 4 g; which effect is true is weighed by the lead so far.
     """
     believed = float(np.clip(lead, -BELIEVED, BELIEVED))
     leads, first = np.array([[believed], [-believed]]), special.expit(0.5 * believed)

@@ -104,14 +104,9 @@ def check_plan(
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Plan:
-    """The same runs with what they promise, and notes on all that asks for attention.
+    """The runs of a plan, edited or written by hand, with what they promise and notes on all that asks for attention.
 
-    Parameters
-    ----------
-    robot, given
-        The arm, and a plan by `plan`, edited or written by hand.
-    prior, setup, seed, tell
-        As for `plan`.
+    Other parameters are those of `plan`.
     """
     case = _case(robot, prior, setup, seed)
     checked = _with_forecast(given, case, notes=[*collision_notes(case.arm, given), *lack_notes(case.arm, given)])

@@ -52,21 +52,9 @@ def plan_for_effect(
 ) -> Plan:
     """Plan the runs after which an effect is seen, if it is there, or told from a rival.
 
-    Runs are chosen as the deciding run of a diagnosis is. Without logs the plan is an experiment, rehearsed on a
-    virtual robot, with the runs on top of it; with logs it is the runs alone.
-
-    Parameters
-    ----------
-    robot, wanted, against
-        The arm; effect and joint, with shapes where they are known; what it must be told from, else it must be seen.
-    size
-        Of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
-    whole
-        Makes the experiment that is rehearsed; needed without `dataset`.
-    dataset, prior
-        Runs that were made; an earlier model, for the robot on which is rehearsed.
-    seed, tell
-        Of the virtual robot; called with a word on what is done.
+    Runs are chosen as the deciding run of a diagnosis is. Without a dataset the plan is the experiment `whole`,
+    rehearsed on a virtual robot (of `prior` and `seed`), with the runs on top of it; with one it is the runs alone.
+    `size` is that of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
 
     Raises
     ------
@@ -145,7 +133,7 @@ def _shown(solved: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> Ne
     shape = {name: value for name, value in {**values, **wanted.shape}.items() if name in names}
     size = values.get(effect.parameters(robot, joint)[0].name)
     shown = showing(solved, effect, wanted.joint, size=size, shape=shape)
-    if shown is None or not shown.motions:
+    if shown is None:
         of = "" if size is None else f" of the size {number(size, 3)}"
         raise _undecided(f"no run within the limits shows {_name(wanted)}{of}")
     return shown

@@ -38,13 +38,8 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
 
     A run is a planned motion where joint, posture, direction and speed (within 10 %; of a stroke, whose mean holds the
     ramps, no less than 40 %) agree and at least half of its way lies in the planned span. Of several such motions the
-    nearest in speed and way counts; a run that fits none is left as it is.
-
-    Returns
-    -------
-    dataset
-        With `Run.heldout` set, and notes on planned motions that were not found, and on runs that no motion planned
-        where they are many.
+    nearest in speed and way counts; a run that fits none is left as it is. Notes tell planned motions that were not
+    found, and runs that no motion planned where they are many.
     """
     motions = plan.motions
     if not dataset.runs or not motions or len(motions[0].hold) != len(dataset.runs[0].posture):

@@ -58,22 +58,9 @@ def ingest(
 ) -> Dataset:
     """Read, check and segment logs; the result does not depend on where the files are read.
 
-    Parameters
-    ----------
-    paths
-        Files as `pumaid.io.paths.expand` gives them.
-    robot
-        The arm that the recipe says these are logs of.
-    options
-        Thresholds of the segmentation.
-    extra
-        Columns to read besides; they arrive in the bins.
-    trust
-        Turns refusals of what cannot be meant into notes.
-    executor
-        Where files are read; this process where it is None.
-    progress
-        Called with the number of files done.
+    `paths` are as `pumaid.io.paths.expand` gives them, `extra` columns to read besides, which arrive in the bins.
+    `trust` turns refusals of what cannot be meant into notes; files are read by `executor`, or this process where it is
+    None; `progress` is called with the number of files done.
 
     Raises
     ------

@@ -70,20 +70,9 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     small a part of it and it goes from rest to rest, all of it is a stroke. The rest is left out, with its reason.
     A run ends where a file ends.
 
-    Parameters
-    ----------
-    logs
-        Consecutive batches, SI. `starts_clock` begins a new recording.
-        The iterable's attributes `files`, `notes` and `extra`, if any, are taken over.
-    robot
-        Whose joints they are.
-    options
-        Thresholds.
-
-    Returns
-    -------
-    dataset
-        Runs and rejects in order of time; together they hold every sample once.
+    `logs` are consecutive batches, SI; their `starts_clock` begins a new recording, and the iterable's attributes
+    `files`, `notes` and `extra`, if any, are taken over. Runs and rejects are in order of time and together hold every
+    sample once.
     """
     segmenter = _Segmenter(robot, options)
     for log in logs:

@@ -11,7 +11,7 @@ from pumaid.dataset import Bins, Run
 from pumaid.errors import ModelError, Where
 from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, delays
 from pumaid.simulation.virtual_robot import Truth
-from pumaid.trajectory import Motion, Plan, Trapezoid, run_times, trapezoids
+from pumaid.trajectory import Plan, Trapezoid, run_times, trapezoids
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,8 @@ class Bench:
 
     def _current(self, movement: Trapezoid, local: Floats, *, start: float) -> Floats:
         """(N,) A without noise."""
-        motion, truth, time = _motion(movement), self.truth, start + local
+        motion, truth, time = movement.motion, self.truth, start + local
+        assert motion is not None
         position, velocity = movement.at(local)
         j, late = motion.joint - 1, position.copy()
         late[:, j] -= velocity[:, j] * delays(truth.hidden, truth.robot.n_joints)[j]
@@ -106,27 +107,15 @@ class Bench:
         return truth.current(motion.joint, at)
 
 
-def _motion(movement: Trapezoid) -> Motion:
-    if movement.motion is None:
-        raise ValueError("a move between postures is no run")
-    return movement.motion
-
-
 def constant_run(
     movement: Trapezoid, local: Floats, count: NDArray[np.int64], *, start: float = 0.0, first_row: int = 2
 ) -> Run:
-    """The run that a movement leaves, by its samples at constant speed, without currents and temperatures.
+    """The run that a movement leaves which begins at `start` s, without currents and temperatures.
 
-    Parameters
-    ----------
-    movement, start
-        Of the planned motion; s at which it begins.
-    local, count
-        (N,) s from its start of samples, and how many of them are in each bin (M,).
-    first_row
-        Row of its first sample.
+    It is sampled at `local` (N,) s from its start, `count` (M,) of the samples being in each bin.
     """
-    motion, position = _motion(movement), movement.at(local)[0]
+    motion, position = movement.motion, movement.at(local)[0]
+    assert motion is not None, "a move between postures is no run"
     j, speed = motion.joint - 1, movement.peak * float(np.sign(motion.end - motion.start))
     time, nothing = _means(start + local, count), np.zeros(len(count))
     posture = np.array(motion.hold, dtype=float)

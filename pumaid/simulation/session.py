@@ -48,16 +48,8 @@ def simulate(
     It goes to each motion's start with all joints at once, rests, runs, rests, in closed loop under the controller of
     the paper's experiment. Logs come in order of time, one a movement; those of one file share their `origin`.
 
-    Parameters
-    ----------
-    robot, plan
-        J joints, and motions in the order of their execution.
-    seed, truth
-        Same seed, same noise; the virtual robot, drawn from the seed where not given.
-    rate, runs_per_file
-        Samples a second, 1 to 1000; planned motions in one file.
-    has_velocity, has_temperature
-        Whether the log has them; temperatures it has anyway where something hidden depends on them.
+    The virtual robot `truth` is drawn from the seed where not given; `rate` is in samples a second, 1 to 1000. A log
+    has temperatures also where something hidden depends on them.
 
     Raises
     ------

@@ -80,33 +80,18 @@ def puma560() -> Truth:
 
 
 def experiment(replicates: int = 1) -> Plan:
-    """The paper's motions: one joint at a time, five speeds, both directions, the postures of its Section IV.
-
-    Parameters
-    ----------
-    replicates
-        How often the whole is made.
-    """
+    """The paper's motions, made `replicates` times: five speeds of each joint both ways in the paper's postures."""
     postures = [
-        Posture(joint, _radians(hold), (), "a posture of the paper")
+        Posture(joint, tuple(value * _DEG for value in hold), (), "a posture of the paper")
         for joint, holds in _POSTURES_DEG.items()
         for hold in holds
     ]
+    end = _SPAN_DEG * _DEG
     motions = [
-        Motion(
-            joint=posture.joint,
-            hold=posture.hold,
-            start=-_SPAN_DEG * _DEG * sign,
-            end=_SPAN_DEG * _DEG * sign,
-            velocity=speed * _DEG,
-        )
+        Motion(posture.joint, posture.hold, -end * sign, end * sign, speed * _DEG)
         for _ in range(replicates)
         for posture in postures
         for speed in _SPEEDS_DEG_S
         for sign in (1, -1)
     ]
     return Plan(robot="PUMA 560", motions=tuple(motions), postures=tuple(postures))
-
-
-def _radians(degrees: tuple[int, ...]) -> tuple[float, ...]:
-    return tuple(value * _DEG for value in degrees)

@@ -130,18 +130,12 @@ def test_no_plan_is_much_worse_than_the_best_conceivable(name):
     assert 0.75 < planned(name).efficiency <= 1.0
 
 
-def test_same_seed_same_plan():
-    """The seed decides everything."""
-    assert plan(PENDULUM, minutes=6, seed=1).motions == pendulums().motions
-    assert plan(PENDULUM, minutes=6, seed=2).motions != pendulums().motions
-
-
-@pytest.mark.parametrize("minutes", [6, 15])
-def test_budget_is_kept(minutes):
+def test_budget_is_kept():
     """A plan for so many minutes takes no longer, and more time tells more."""
-    short, found = (plan(PENDULUM, minutes=time, seed=5) for time in (3, minutes))
-    assert 30.0 * minutes < found.duration <= 60.0 * minutes
-    means = [np.mean(np.log(list(made.expected.values()))) for made in (found, short)]
+    means = []
+    for minutes, made in ((15, plan(PENDULUM, minutes=15, seed=1)), (6, pendulums())):
+        assert 30.0 * minutes < made.duration <= 60.0 * minutes
+        means.append(np.mean(np.log(list(made.expected.values()))))
     assert means[0] < means[1]
 
 
@@ -200,7 +194,7 @@ def test_a_crawling_joint_makes_short_ways():
 
 
 def test_rounding_decides_nothing(monkeypatch):
-    """A plan stays as it is where inverses are off in their twelfth digit, as on a machine that adds in other order."""
+    """A seed's plan stays where inverses are off in their twelfth digit, as on a machine that adds in other order."""
     exact, rng = np.linalg.inv, np.random.default_rng(0)
     wanted = pendulums().motions
     monkeypatch.setattr(
@@ -209,12 +203,11 @@ def test_rounding_decides_nothing(monkeypatch):
     assert plan(PENDULUM, minutes=6, seed=1).motions == wanted
 
 
-@pytest.mark.parametrize("name", ["pendulum2"])
-def test_each_criterion_makes_its_own_number_small(name):
+def test_each_criterion_makes_its_own_number_small():
     """The worst error is smaller by --criterion worst, the geometric mean by geometric."""
-    sizes, logs = prior(name).typical_sizes(), []
+    sizes, logs = prior("pendulum2").typical_sizes(), []
     for criterion in ("geometric", "worst"):
-        expected = plan(arm(name), minutes=2.0 * arm(name).n_joints, criterion=criterion, seed=1).expected
+        expected = plan(PENDULUM, minutes=4.0, criterion=criterion, seed=1).expected
         logs.append(np.log([error / sizes[label] for label, error in expected.items()]))
     geometric, worst = logs
     assert worst.max() < np.log(0.95) + geometric.max()
