@@ -9,14 +9,13 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.io.log_formats import Batch, LogColumn, LogSource, floats
+from pumaid.io.log_formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
 _NO_NUMBER = ("", " ", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#inf")
@@ -25,13 +24,15 @@ _NULLS = sorted(
 )
 #: Bytes that Arrow parses at a time; no line is longer.
 _BLOCK_BYTES = 4 << 20
-#: Characters of comments behind which no header is looked for, and rows from which the dialect is told.
+#: Bytes in which the header is looked for, and rows from which the dialect is told.
 _MOST_HEAD, _PROBE_ROWS = 4 << 20, 50
 #: Rows with too few or too many cells at which reading stops.
 _MOST_RAGGED = 1000
 #: Stands for runs of spaces and tabs between cells.
 _SPACES = " "
+_COMMENT = ("#", "%")
 _GZIP = b"\x1f\x8b"
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -64,7 +65,7 @@ class CsvLog(LogSource):
     @classmethod
     def sniff(cls, head: bytes) -> bool:
         """Text holds no zero bytes, unless it is UTF-16; what gzip holds is looked at when it is read."""
-        return head.startswith((_GZIP, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b"\0" not in head
+        return head.startswith((_GZIP, *_UTF_16)) or b"\0" not in head
 
     def schema(self) -> Sequence[LogColumn]:
         """The names of the header line.
@@ -75,13 +76,12 @@ class CsvLog(LogSource):
             There is no line, the first one holds numbers, or it is no text.
         """
         with self._opened() as stream:
-            head = stream.read(1 << 16)
-            self._encoding = _encoding(head)
-            if b"\0" in head and self._encoding != "utf-16":
-                raise LogError("not-a-log", f"{self.name} holds binary data", Where(file=self.name), "export it as CSV")
-        with self._opened() as stream:
-            text = io.TextIOWrapper(stream, self._encoding, errors="replace")
-            self._dialect = _dialect(_head_lines(text), self.name)
+            head = stream.read(_MOST_HEAD)
+        self._encoding = _encoding(head)
+        if b"\0" in head[:HEAD_BYTES] and self._encoding != "utf-16":
+            raise LogError("not-a-log", f"{self.name} holds binary data", Where(file=self.name), "export it as CSV")
+        text = codecs.getincrementaldecoder(self._encoding)("replace").decode(head)
+        self._dialect = _dialect(io.StringIO(text, newline=None), self.name)
         return [LogColumn(name) for name in self._dialect.header]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
@@ -93,28 +93,25 @@ class CsvLog(LogSource):
             A cell holds text, a row inside the file has too few or too many cells, or numbers have separators of
             thousands.
         """
-        dialect = self._dialect
-        indices = [dialect.header.index(name) for name in names]
-        _refuse_thousands(dialect, indices, self.name)
-        line, last_row = dialect.header_line + 1, 0
-        ragged: list[tuple[int, int, str]] = []
-        skipped: list[int] = []  # lines of comments and ragged rows, rising
-        for values in self._parsed(indices, ragged, skipped):
-            rows = line + np.arange(values.shape[1])
-            for number in skipped[np.searchsorted(skipped, line) :]:
-                if len(rows) and number > rows[-1]:
-                    break
-                rows[rows >= number] += 1
-            line = int(rows[-1]) + 1 if len(rows) else line
+        indices = [self._dialect.header.index(name) for name in names]
+        _refuse_thousands(self._dialect, indices, self.name)
+        line, last_row = self._dialect.header_line + 1, 0
+        self._ragged: list[tuple[int, int]] = []  # line and number of cells
+        self._skipped: list[int] = []  # lines of comments and ragged rows
+        for values in self._parsed(indices):
+            size = values.shape[1]
+            skipped = [number for number in self._skipped if number >= line]
+            rows = np.setdiff1d(np.arange(line, line + size + len(skipped)), skipped)[:size]
+            line = int(rows[-1]) + 1 if size else line
             is_filled = ~np.isnan(values).all(axis=0)
             if is_filled.any():
-                rows, values = rows[is_filled], values[:, is_filled]
+                rows = rows[is_filled]
                 last_row = int(rows[-1])
-                yield Batch(rows, values)
-        self._judge(ragged, last_row)
+                yield Batch(rows, values[:, is_filled])
+        self._judge(last_row)
 
     @contextmanager
-    def _opened(self) -> Iterator[BinaryIO]:
+    def _opened(self) -> Iterator[Any]:
         """The bytes, unpacked."""
         import pyarrow as pa
 
@@ -122,80 +119,81 @@ class CsvLog(LogSource):
             is_packed = stream.read(2) == _GZIP
             stream.seek(0)
             try:
-                yield cast(BinaryIO, pa.CompressedInputStream(stream, "gzip") if is_packed else stream)
+                yield pa.CompressedInputStream(stream, "gzip") if is_packed else pa.PythonFile(stream, "r")
             except (pa.ArrowException, OSError, EOFError) as error:
                 if not is_packed:
                     raise
                 what = f"{self.name} is not a whole gzip file: {str(error).splitlines()[0][:100]}"
                 raise LogError("damaged-log", what, Where(file=self.name), "compress it again") from error
 
-    def _parsed(
-        self, indices: Sequence[int], ragged: list[tuple[int, int, str]], skipped: list[int]
-    ) -> Iterator[NDArray[np.float64]]:
-        """(C, N) values of the columns, block by block; fills in what is `ragged` and `skipped`."""
+    def _parsed(self, indices: Sequence[int]) -> Iterator[NDArray[np.float64]]:
+        """(C, N) values of the columns, block by block."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
         def on_ragged(row: Any) -> str:
-            skipped.append(row.number)
-            if row.text.strip() and not row.text.startswith(("#", "%")):
-                ragged.append((row.number, row.actual_columns, row.text))
-            return "skip" if len(ragged) < _MOST_RAGGED else "error"
+            self._skipped.append(row.number)
+            if row.text.strip() and not row.text.startswith(_COMMENT):
+                self._ragged.append((row.number, row.actual_columns))
+            return "skip" if len(self._ragged) < _MOST_RAGGED else "error"
 
         dialect = self._dialect
-        columns = [str(index) for index in range(len(dialect.header))]
         wanted = [str(index) for index in indices]
+        options = (
+            arrow_csv.ReadOptions(
+                column_names=[str(index) for index in range(len(dialect.header))],
+                skip_rows=dialect.header_line,
+                block_size=_BLOCK_BYTES,
+                use_threads=False,  # threads would not tell the row of what cannot be read
+            ),
+            arrow_csv.ParseOptions(
+                delimiter=dialect.delimiter,
+                quote_char='"' if dialect.has_quotes else False,  # a lone quote in a text column would swallow lines
+                ignore_empty_lines=False,
+                invalid_row_handler=on_ragged,
+            ),
+            arrow_csv.ConvertOptions(
+                include_columns=list(dict.fromkeys(wanted)),
+                column_types=dict.fromkeys(wanted, pa.float64()),
+                decimal_point=dialect.decimal,
+                null_values=_NULLS,
+                check_utf8=False,
+            ),
+        )
         with self._opened() as stream:
+            if self._encoding == "utf-16":
+                stream = pa.transcoding_input_stream(stream, "utf-16", "utf-8")
+            if dialect.delimiter == _SPACES:
+                stream = _single_spaced(stream)
             try:
-                reader = arrow_csv.open_csv(
-                    _plain(stream, self._encoding, dialect),
-                    # Threads would not tell the row of what cannot be read.
-                    arrow_csv.ReadOptions(
-                        column_names=columns, skip_rows=dialect.header_line, block_size=_BLOCK_BYTES, use_threads=False
-                    ),
-                    arrow_csv.ParseOptions(
-                        delimiter=dialect.delimiter,
-                        # A lone quote in a text column would swallow lines.
-                        quote_char='"' if dialect.has_quotes else False,
-                        ignore_empty_lines=False,
-                        invalid_row_handler=on_ragged,
-                    ),
-                    arrow_csv.ConvertOptions(
-                        include_columns=list(dict.fromkeys(wanted)),
-                        column_types=dict.fromkeys(wanted, pa.float64()),
-                        decimal_point=dialect.decimal,
-                        null_values=_NULLS,
-                        check_utf8=False,
-                    ),
-                )
-                for batch in reader:
+                for batch in arrow_csv.open_csv(stream, *options):
                     yield np.array([floats(batch.column(name)) for name in wanted]).reshape(len(wanted), -1)
             except pa.ArrowInvalid as error:
                 if "Could not skip" not in str(error) and "Empty CSV" not in str(error):  # else there are no rows
-                    self._judge(ragged, ragged[-1][0] + 1 if ragged else 0)
+                    self._judge(self._ragged[-1][0] + 1 if self._ragged else 0)
                     raise self._unreadable(str(error)) from error
 
-    def _judge(self, ragged: list[tuple[int, int, str]], last_row: int) -> None:
+    def _judge(self, last_row: int) -> None:
         """A cut last row is a recording that was stopped; any other is a damaged file."""
-        size = len(self._dialect.header)
+        size, ragged = len(self._dialect.header), self._ragged
         if ragged and ragged[-1][0] > last_row and ragged[-1][1] < size:
-            line, count, _ = ragged.pop()
+            line, count = ragged.pop()
             text = f"the last row has {count} of {size} cells (recording cut off) and is left out"
             self.notes.append(Note("last-row-cut", text, Where(file=self.name, row=line)))
         if ragged:
-            first = "; ".join(f"row {line} has {count}" for line, count, _ in ragged[:3])
+            first = "; ".join(f"row {line} has {count}" for line, count in ragged[:3])
             more = f" and {len(ragged) - 3} more" if len(ragged) > 3 else ""
             what = f"{first}{more} cells where the header has {size}"
             mend = "complete or remove these rows; a delimiter inside a cell needs quotes"
             raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
 
     def _unreadable(self, message: str) -> LogError:
+        """The error that a message of Arrow's means."""
         match = _BAD_CELL.search(message)
         if match is None:
             what = f"{self.name} is no table in lines: {message.splitlines()[0][:150]}"
-            return LogError(
-                "not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet"
-            )
+            mend = "export it as CSV, a line a sample, or as Parquet"
+            return LogError("not-a-log", what, Where(file=self.name), mend)
         column, text = self._dialect.header[int(match[1])], match[3].rstrip("'").strip()[:30]
         row = int(match[2]) if match[2] else None
         mend = "write numbers as 1234.5 or 1.2e-3, without units or separators; leave cells without a number empty"
@@ -209,36 +207,24 @@ class CsvLog(LogSource):
         return LogError("not-a-number", f"row {row}, column {column}: {text!r} is no number", where, mend)
 
 
-class _Spaced(io.RawIOBase):
+def _single_spaced(stream: Any) -> Any:
     """Text in which runs of spaces and tabs are one space, and none stand at the ends of lines."""
+    import pyarrow as pa
 
-    def __init__(self, stream: BinaryIO) -> None:
-        self._lines = iter(stream.readline, b"")
-        self._rest = b""
+    rest = b""
 
-    def readable(self) -> bool:
-        """Yes."""
-        return True
+    def shorten(block: Any) -> bytes:
+        nonlocal rest
+        # An empty block is the end of the file.
+        text, end, rest = (rest + bytes(block)).rpartition(b"\n") if len(block) else (rest, b"", b"")
+        return b"\n".join(b" ".join(line.split()) for line in text.split(b"\n")) + end
 
-    def readinto(self, place: Any) -> int:
-        """Fill a buffer with the next bytes."""
-        while not self._rest and (lines := list(islice(self._lines, 10_000))):
-            self._rest = b"\n".join(b" ".join(line.split()) for line in lines) + b"\n"
-        count = min(len(place), len(self._rest))
-        place[:count], self._rest = self._rest[:count], self._rest[count:]
-        return count
-
-
-def _plain(stream: BinaryIO, encoding: str, dialect: Dialect) -> Any:
-    """A stream as Arrow reads it."""
-    if encoding == "utf-16":
-        stream = cast(BinaryIO, codecs.EncodedFile(stream, "utf-8", encoding))
-    return io.BufferedReader(_Spaced(stream), 1 << 20) if dialect.delimiter == _SPACES else stream
+    return pa.TransformInputStream(stream, shorten)
 
 
 def _encoding(head: bytes) -> str:
     """UTF-8, UTF-16 by its byte order mark, else Latin-1, in which every byte is a letter."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if head.startswith(_UTF_16):
         return "utf-16"
     try:
         codecs.getincrementaldecoder("utf-8-sig")().decode(head)
@@ -247,21 +233,8 @@ def _encoding(head: bytes) -> str:
     return "utf-8-sig"
 
 
-def _head_lines(text: io.TextIOWrapper) -> list[str]:
-    """A file's first lines: up to so many rows of numbers, or a bound on comments."""
-    lines: list[str] = []
-    n_rows = n_characters = 0
-    for line in iter(lambda: text.readline(_MOST_HEAD), ""):
-        lines.append(line)
-        n_rows += not _is_comment(line) and _numeric_share(line) > 0.5
-        n_characters += len(line)
-        if n_rows >= _PROBE_ROWS or n_characters >= _MOST_HEAD:
-            break
-    return lines
-
-
-def _dialect(lines: list[str], name: str) -> Dialect:
-    """How a file with these first lines is written.
+def _dialect(text: io.StringIO, name: str) -> Dialect:
+    """How a file that begins with this text is written.
 
     The header is the line above the first row of numbers that has as many cells; comments and other text may stand
     above it.
@@ -271,19 +244,26 @@ def _dialect(lines: list[str], name: str) -> Dialect:
     LogError [empty-log, no-header]
         There is no line, or numbers have no line of names above them.
     """
-    written = [number for number, line in enumerate(lines) if line.strip()]
-    separator = re.fullmatch(r"\"?sep=(.)\"?", lines[written[0]].strip(), re.IGNORECASE) if written else None
-    written = written[1:] if separator else written
-    numbers = [n for n in written if not _is_comment(lines[n]) and _numeric_share(lines[n]) > 0.5]
-    above = [n for n in written if not numbers or n < numbers[0]]
-    if not written or (not (above := _uncommented(lines, above) or above[-1:]) and not numbers):
+    lines: list[str] = []
+    numbers: list[int] = []
+    for number, line in enumerate(text):
+        lines.append(line)
+        if not line.startswith(_COMMENT) and _is_numeric(line):
+            numbers.append(number)
+        if len(numbers) == _PROBE_ROWS:
+            break
+    first = numbers[0] if numbers else len(lines)
+    above = [number for number in range(first) if lines[number].strip()]
+    separator = re.fullmatch(r"\"?sep=(.)\"?", lines[above[0]].strip(), re.IGNORECASE) if above else None
+    above = above[1:] if separator else above
+    above = [number for number in above if not lines[number].startswith(_COMMENT)] or above[-1:]
+    body = [lines[number] for number in numbers]
+    if not above and not body:
         raise LogError("empty-log", f"{name} has no line", Where(file=name), "record it again or leave it out")
-    body = [lines[n] for n in numbers[:_PROBE_ROWS]]
     if not above:
-        what = f"line {numbers[0] + 1} of {name} holds numbers ({body[0].strip()[:40]}), and no names of columns above"
-        raise LogError(
-            "no-header", what, Where(file=name, line=numbers[0] + 1), "put a header line on top: t,q1,...,i1,..."
-        )
+        what = f"line {first + 1} of {name} holds numbers ({body[0].strip()[:40]}), and no names of columns above"
+        mend = "put a header line on top: t,q1,...,i1,..."
+        raise LogError("no-header", what, Where(file=name, line=first + 1), mend)
     place = above[-1] if body else above[0]
     title = lines[place].lstrip("#% ")
     delimiter = separator[1] if separator else _delimiter([title, *body])
@@ -300,17 +280,9 @@ def _dialect(lines: list[str], name: str) -> Dialect:
     return Dialect(delimiter, "," if is_comma else ".", header, place + 1, rows, has_quotes)
 
 
-def _is_comment(line: str) -> bool:
-    return line.startswith(("#", "%"))
-
-
-def _uncommented(lines: list[str], numbers: list[int]) -> list[int]:
-    return [n for n in numbers if not _is_comment(lines[n])]
-
-
-def _numeric_share(line: str) -> float:
+def _is_numeric(line: str) -> bool:
     words = re.split(r"[;,\t| ]+", line.strip())
-    return sum(bool(_NUMBER.fullmatch(word)) for word in words) / max(1, len(words))
+    return sum(bool(_NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
 
 
 def _delimiter(lines: list[str]) -> str:
