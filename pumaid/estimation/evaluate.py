@@ -65,28 +65,15 @@ TOGETHER = "+"
 
 @dataclass(frozen=True, slots=True)
 class BudgetPart:
-    """One part of what a model leaves at a joint.
+    """One part (A2) of what a model leaves at a joint: what a model with that physics would take away; never negative.
 
-    Attributes
-    ----------
-    name
-        ``noise_shared`` (noise that a run has as a whole), ``noise_inside`` (noise inside runs), ``smooth`` (within a
-        run, a few waves over its travel), ``fast`` (within a run, a ripple), ``start`` (where a run begins), ``odd``
-        (between runs, turns round with the direction), ``even`` (between runs, the same both ways), ``time`` (with time
-        or temperature), ``unassigned`` (repeats, and is none of these).
-    mean_square
-        A2: what a model with that physics would take away; never negative.
-    p_value, is_more
-        Family-wise p-value, None where not tested, and whether the part is more than noise would give.
-    against
-        Variables that show it, the strongest first: ``position``, ``direction``, ``posture``, ``speed``, ``load``,
-        ``travel``, ``lag``, ``time``, ``even`` (time, the same both ways), ``temperature``; ``size`` of a ripple that
-        changes along the run.
-    cycles, per, gearing
-        Of a ripple: cycles per ``turn`` of the joint, or per ``m`` of a sliding one, the strongest first; and cycles
-        per turn of the motor, empty where the gear ratio is not known.
-    points_to
-        Names of the effects that look like this.
+    `name` is ``noise_shared`` (noise that a run has as a whole), ``noise_inside`` (noise inside runs), ``smooth``
+    (within a run, a few waves over its travel), ``fast`` (within a run, a ripple), ``start`` (where a run begins),
+    ``odd`` (between runs, turns round with the direction), ``even`` (between runs, the same both ways), ``time`` (with
+    time or temperature) or ``unassigned`` (repeats, and is none of these). `is_more` says whether it is more than noise
+    would give, by a family-wise `p_value`, None where not tested. `against` names variables that show it, the strongest
+    first; `cycles` of a ripple are counted `per` turn of the joint (or m of a sliding one), `gearing` per turn of the
+    motor, empty where the gear ratio is not known. `points_to` names effects that look like this.
     """
 
     name: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -210,8 +210,10 @@ class Fit:
     (from 0) in whose gain link j's parameters are: its own or, where that never moves, the next inner one that does and
     feels them; -1 where there is none. `system` holds the whitened rows, `prior` (P,) the inverse of the prior standard
     deviation of each parameter and ratio as for `fit_bilinear`, `limit` (p,) the standard error at which each parameter
-    says nothing any more. `first` is the recursion, where the fit began with it; noise of joints in `from_replicates`
-    comes from repeated runs.
+    says nothing any more. Noise of joints in `from_replicates` comes from repeated runs.
+
+    `first` is the recursion, where the fit began with it. Its `absorbed` maps a column (from 0) that it leaves open to
+    the ratios (i, j) of gains (joints from 1) whose loads it absorbs.
     """
 
     model: Model
@@ -223,7 +225,8 @@ class Fit:
     solution: JointSolution
     prior: Floats
     limit: Floats
-    first: Start | None = None
+    first: Fit | None = None
+    absorbed: Mapping[int, list[tuple[int, int]]] = field(default_factory=dict)
     from_replicates: frozenset[int] = frozenset()
 
     @property
@@ -344,21 +347,6 @@ class Fit:
         misfit = local.left(self.values, self.gains)
         white = noise.whiten(bins, np.column_stack([bare[:, acting], misfit]))
         return FitRow(bins, noise, acting, white[:, :-1], white[:, -1], bare[:, acting], misfit, bare.shape[1])
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Start:
-    """The recursion that a fit began with: its rows, variances by joint (from 1), whitened rows, and result.
-
-    `absorbed` maps a column (from 0) that the recursion leaves open to the ratios (i, j) of gains (joints from 1) whose
-    loads it absorbs.
-    """
-
-    rows: tuple[Row, ...]
-    levels: dict[int, Levels]
-    system: Bilinear
-    solution: JointSolution
-    absorbed: dict[int, list[tuple[int, int]]]
 
 
 def run_of(rows: Sequence[Row]) -> Counts:

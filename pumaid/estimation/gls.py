@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
 from pumaid.estimation import noise as noises
-from pumaid.estimation.fit import Fit, Row, Start, design_of, inner_noise, with_loads
+from pumaid.estimation.fit import Fit, Row, design_of, inner_noise, with_loads
 from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
@@ -92,8 +92,9 @@ def fit_bins(
     levels, paper = recursion.levels, recursion.paper
     system, prior = system_of(rows, levels, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
     solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
-    first = Start(rows, levels, system, solution, _absorbed(paper, recursion.is_load))
-    fitted = Fit(model, rows, assigned, levels, tuple(recursion.weak), system, solution, prior, limit, first)
+    first = Fit(model, rows, assigned, levels, tuple(recursion.weak), system, solution, prior, limit)
+    first = replace(first, absorbed=_absorbed(paper, recursion.is_load))
+    fitted = replace(first, first=first)
     if recursive:
         return fitted
     tell(0, "refining all joints together")

@@ -66,7 +66,7 @@ class FittedParameters:
 
     `solution` holds the values shown: the fit's own, or those of the recursion that it began with. `covariance` (P, P)
     is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` says by joint (from 1) what its
-    runs cover. `absorbed` is that of `Start`, of the recursion only; `confounded` names what the data show only
+    runs cover. `absorbed` is that of `Fit`, of the recursion only; `confounded` names what the data show only
     together with a parameter or ratio (from 0), `profiles` has profile-likelihood intervals by column.
     """
 

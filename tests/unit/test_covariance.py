@@ -15,11 +15,6 @@ SIZES = (3, 5, 2, 4, 6, 3)
 BLOCKS = [RNG.normal(size=(size, 3)) for size in SIZES]
 WHOLE = np.vstack(BLOCKS)
 INVERSE = np.linalg.inv(WHOLE.T @ WHOLE)
-CUTS = np.cumsum(SIZES)[:-1]
-
-
-def parts(values: np.ndarray) -> list[np.ndarray]:
-    return np.split(values, CUTS)
 
 
 def by_blocks(blocks: list[np.ndarray], residual: np.ndarray, inverse: np.ndarray, **more) -> covariance.Clustered:
@@ -28,29 +23,22 @@ def by_blocks(blocks: list[np.ndarray], residual: np.ndarray, inverse: np.ndarra
     return clustered(np.vstack(blocks), residual, inverse, runs=runs, **more)
 
 
-def score_makers() -> list[np.ndarray]:
-    """(3, N) a run: what turns raw noise into the run's share of the parameters' error, with scipy's matrix root."""
-    N = len(WHOLE)
-    annihilator = np.eye(N) - WHOLE @ INVERSE @ WHOLE.T
-    makers = []
-    for J, rows in zip(BLOCKS, parts(np.arange(N)), strict=True):
+def test_covariance_and_freedoms_are_the_dense_formulas():
+    """CR2 with a matrix root of another library, and Satterthwaite's 2 E^2 / Var of each variance from dense forms.
+
+    The mean of the formula under independent unit noise, summed exactly over the noise, is the true covariance.
+    """
+    annihilator, makers = np.eye(len(WHOLE)) - WHOLE @ INVERSE @ WHOLE.T, []
+    for J, rows in zip(BLOCKS, np.split(np.arange(len(WHOLE)), np.cumsum(SIZES)[:-1]), strict=True):
         A = np.real(linalg.inv(linalg.sqrtm(np.eye(len(J)) - J @ INVERSE @ J.T)))
         makers.append(INVERSE @ J.T @ A @ annihilator[rows])
-    return makers
-
-
-def test_covariance_is_the_dense_formula():
-    """CR2, written out with a matrix root of another library."""
     noise = RNG.normal(size=len(WHOLE))
-    residual = noise - WHOLE @ INVERSE @ WHOLE.T @ noise
-    wanted = sum(np.outer(maker @ noise, maker @ noise) for maker in score_makers())
-    assert by_blocks(BLOCKS, residual, INVERSE).covariance == pytest.approx(wanted, rel=1e-9)
-
-
-def test_covariance_is_unbiased_for_white_noise():
-    """Its expectation under independent unit noise, summed exactly over the noise, is the true covariance."""
-    expected = sum(maker @ maker.T for maker in score_makers())
-    assert expected == pytest.approx(INVERSE, rel=1e-9)
+    told = by_blocks(BLOCKS, annihilator @ noise, INVERSE)
+    assert told.covariance == pytest.approx(sum(np.outer(maker @ noise, maker @ noise) for maker in makers), rel=1e-9)
+    assert sum(maker @ maker.T for maker in makers) == pytest.approx(INVERSE, rel=1e-9)
+    for contrast in range(3):
+        form = sum(np.outer(maker[contrast], maker[contrast]) for maker in makers)
+        assert told.freedoms[contrast] == pytest.approx(np.trace(form) ** 2 / np.trace(form @ form), rel=1e-9)
 
 
 def test_covariance_is_right_for_levels():
@@ -71,15 +59,6 @@ def test_covariance_is_right_for_levels():
     # 30 runs: CR2 is unbiased for white noise only, here within 10 %; the mean itself is known to 4 %.
     assert total == pytest.approx(truth, rel=0.12)
     assert np.mean(white) < 0.7 * truth[0]
-
-
-def test_freedoms_are_the_brute_force_ones():
-    """Satterthwaite's 2 E^2 / Var of each variance, a quadratic form in the noise, from its dense matrix."""
-    told = by_blocks(BLOCKS, np.zeros(len(WHOLE)), INVERSE).freedoms
-    for contrast in range(3):
-        form = sum(np.outer(maker[contrast], maker[contrast]) for maker in score_makers())
-        wanted = np.trace(form) ** 2 / np.trace(form @ form)
-        assert told[contrast] == pytest.approx(wanted, rel=1e-9)
 
 
 def test_a_parameter_of_one_run_has_no_freedoms():
@@ -112,16 +91,11 @@ def test_what_one_run_adds_to_many_is_as_uncertain_as_its_noise():
 
 @pytest.mark.parametrize("freedoms", [1.0, 2.7, 40.0, np.inf])
 def test_interval_is_scipys(freedoms):
-    """Student's interval, the normal one for infinitely many degrees of freedom."""
+    """Student's interval and both tails, the normal ones for infinitely many degrees of freedom."""
     dist = stats.norm(2.0, 0.5) if np.isinf(freedoms) else stats.t(freedoms, 2.0, 0.5)
     assert interval(2.0, 0.5, freedoms) == pytest.approx(dist.interval(0.95), rel=1e-9)
     assert interval(2.0, 0.5, freedoms, level=0.6) == pytest.approx(dist.interval(0.6), rel=1e-9)
-
-
-def test_two_sided_is_scipys():
-    """Both tails, whatever the sign."""
-    wanted = 2.0 * (1.0 - stats.t(7).cdf(2.1))
-    assert two_sided(2.1, 7.0) == pytest.approx(wanted) == pytest.approx(two_sided(-2.1, 7.0))
+    assert two_sided(2.1, freedoms) == two_sided(-2.1, freedoms) == pytest.approx(2.0 * dist.sf(2.0 + 0.5 * 2.1))
 
 
 def test_thousands_of_runs_are_worked_on_a_few_at_a_time(monkeypatch):
@@ -187,30 +161,20 @@ def noise(seed: int) -> np.ndarray:
     return 0.1 * rng.normal(size=len(ROW)) + 0.1 * np.repeat(rng.normal(size=3 * RUNS), SIZE)
 
 
-@pytest.fixture(scope="module")
-def told_and_drawn() -> tuple[np.ndarray, np.ndarray]:
-    """Mean covariance told, and covariance of 500 noisy solutions."""
-    drawn, told = [], []
+def test_covariance_of_the_recursion_is_that_of_noisy_solutions():
+    """Errors told from one experiment each are the spread over 500, and an outer row's moves the inner rows'."""
+    draws, tables = [], []
     for seed in range(500):
         target = EXACT + noise(seed)
         found = solved(target)
-        drawn.append(unknowns(found))
+        draws.append(unknowns(found))
         if seed < 60:
             system = Bilinear(ROW, REGRESSORS, target, OWNERS)
-            told.append(recursion_covariance(system, found.values, found.gains, runs=RUN).covariance)
-    return np.mean(told, axis=0), np.cov(np.array(drawn).T)
-
-
-def test_variances_are_those_of_noisy_solutions(told_and_drawn):
-    """Standard errors of parameters and ratios, told from one experiment each, are the spread over 500."""
-    told, drawn = told_and_drawn
+            tables.append(recursion_covariance(system, found.values, found.gains, runs=RUN).covariance)
+    told, drawn = np.mean(tables, axis=0), np.cov(np.array(draws).T)
     # 500 draws know a standard deviation to 3 %, 60 experiments' mean variance is known to some 4 %.
     assert np.sqrt(np.diag(told)) == pytest.approx(np.sqrt(np.diag(drawn)), rel=0.12)
-
-
-def test_correlations_across_rows_are_those_of_noisy_solutions(told_and_drawn):
-    """An outer row's error moves the inner rows' results as told."""
-    correlation = [part / np.sqrt(np.outer(np.diag(part), np.diag(part))) for part in told_and_drawn]
+    correlation = [part / np.sqrt(np.outer(np.diag(part), np.diag(part))) for part in (told, drawn)]
     assert np.max(np.abs(correlation[0] - correlation[1])) < 0.2  # 4 / sqrt(500)
     # A ratio's error must mirror that of the load that it scales: strong here, so that the test can fail.
     assert np.min(correlation[1]) < -0.3
