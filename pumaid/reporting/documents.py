@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -56,17 +54,14 @@ def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
 
 def runs_csv(dataset: Dataset, robot: Robot) -> str:
     """The runs as CSV in SI, postures as further columns ``q1`` to ``qJ``, empty at the moving joint."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*CSV_HEADER, *(f"q{joint.number}" for joint in robot.joints)])
     names = "run file last_file first_row last_row start duration joint name kind span speed ripple samples"
+    rows = []
     for index, run in enumerate(dataset.runs, 1):
         entry = _run_entry(index, run, robot)
-        row: list[Any] = []
-        for name in [*names.split(), "temperature", "heldout", "posture"]:
-            row += list(entry[name]) if name in ("span", "posture") else [entry[name]]
-        writer.writerow(["" if value is None or value != value else value for value in row])
-    return out.getvalue()
+        cells = [entry[name] for name in [*names.split(), "temperature", "heldout", "posture"]]
+        rows.append([*cells[:10], *entry["span"], *cells[11:-1], *entry["posture"]])
+    header = [*CSV_HEADER, *(f"q{joint.number}" for joint in robot.joints)]
+    return pd.DataFrame(rows, columns=header).to_csv(index=False, lineterminator="\n")
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -110,19 +109,6 @@ def test_full_disk_is_told():
     """Standard output that takes no more is a refusal, not a bug."""
     done = shell("pumaid effects > /dev/full; echo $?")
     assert done.stdout == "3\n" and "error[file-refused]" in done.stderr
-
-
-def test_json_is_one_document():
-    """``--json`` prints exactly one document on standard output."""
-    found = json.loads(run("effects", "--json").stdout)
-    assert (found["kind"], found["format"]) == ("effects", 1)
-    assert {"coulomb", "gravity", "viscous"} <= {effect["effect"] for effect in found["effects"]}
-
-
-def test_effect_is_explained_with_units_and_source():
-    """One effect's page states its law, units and source."""
-    shown = run("effects", "viscous").stdout
-    assert "A s/rad" in shown and "A s/m" in shown and "source: S.-K. Lin" in shown
 
 
 def test_tables_in_a_pipe_are_at_most_100_characters_wide(capsys):

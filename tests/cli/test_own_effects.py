@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -144,47 +143,14 @@ def test_diagnose_finds_it_and_says_what_to_type(tmp_path):
     assert "brake@2" in typed(folder, "history").stdout
 
 
-@pytest.mark.parametrize("line", ["compare results/model.json logs", "diagnose results/model.json logs", "report"])
-def test_a_file_that_has_changed_is_refused(braked, tmp_path, line):
+def test_a_file_that_has_changed_is_refused(braked, tmp_path):
     """Numbers of a parameter that the file no longer has would stand for something else."""
     (tmp_path / "brake.py").write_text(
         OWN.replace('"a", "A/', '"b", "A/').replace("s * a *", "s * b *"), encoding="utf-8"
     )
-    done = typed(braked, *line.split(), "--effects", str(tmp_path / "brake.py"))
+    done = typed(braked, "report", "--effects", str(tmp_path / "brake.py"))
     assert done.exit_code == 3 and "Traceback" not in done.stderr
     assert done.stderr.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in done.stderr
-
-
-@pytest.fixture
-def packages(tmp_path, monkeypatch) -> pytest.MonkeyPatch:
-    """An installed package that brings the effect by an entry point, until it is undone."""
-    home = tmp_path / "packages"
-    (home / "arm_effects").mkdir(parents=True)
-    (home / "arm_effects" / "__init__.py").touch()
-    (home / "arm_effects" / "brake.py").write_text(OWN, encoding="utf-8")
-    facts = home / "arm_effects-1.0.dist-info"
-    facts.mkdir()
-    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: arm-effects\nVersion: 1.0\n", encoding="utf-8")
-    (facts / "entry_points.txt").write_text("[pumaid.effects]\nbrake = arm_effects.brake\n", encoding="utf-8")
-    monkeypatch.syspath_prepend(home)
-    yield monkeypatch
-    for name in ("arm_effects", "arm_effects.brake"):
-        sys.modules.pop(name, None)
-
-
-def test_a_package_adds_it(packages, tmp_path):
-    """``identify --add`` knows it by name, and without the package the model is refused as with a file."""
-    folder = rubbed(tmp_path / "arm")
-    assert typed(folder, "identify", "logs", "--add", "brake@2").exit_code == 0
-    assert typed(folder, "compare", "results/model.json", "logs").exit_code == 0
-    packages.undo()
-    assert typed(folder, "compare", "results/model.json", "logs").exit_code == 3
-
-
-def test_a_file_beside_a_package_of_the_same_name_is_refused(braked, packages):
-    """Which of two effects of one name is meant is not guessed."""
-    done = typed(braked, "compare", "results/model.json", "logs", *KNOWN)
-    assert done.exit_code == 3 and "error[effect-taken]" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_marks_in_its_title_are_text(tmp_path):

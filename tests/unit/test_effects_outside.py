@@ -98,22 +98,18 @@ def test_no_effect_in_the_file(written, text, word):
     assert "square" not in catalogue()
 
 
-@pytest.mark.parametrize("name", ["Square.py", "square.txt", "absent.py"])
-def test_no_such_file(written, tmp_path, name):
-    """Names that no effect can have, and files that are not there, are refused."""
+@pytest.mark.parametrize(
+    ("name", "slug"),
+    [(name, "effect-file") for name in ("Square.py", "square.txt", "absent.py")]
+    + [(name, "effect-taken") for name in ("stribeck.py", "base.py")],
+)
+def test_wrong_names_are_refused(written, tmp_path, name, slug):
+    """Names that no effect can have, that one has already, and files that are not there."""
     if name != "absent.py":
         written(SHORT, name)
     with pytest.raises(ModelError) as told:
         include(tmp_path / name)
-    assert told.value.slug == "effect-file"
-
-
-@pytest.mark.parametrize("name", ["stribeck.py", "base.py"])
-def test_a_taken_name_is_refused(written, name):
-    """No file takes the place of an effect that there is."""
-    with pytest.raises(ModelError) as told:
-        include(written(SHORT, name))
-    assert told.value.slug == "effect-taken"
+    assert told.value.slug == slug
 
 
 @pytest.mark.parametrize(
