@@ -60,18 +60,15 @@ def plan(
 
     Parameters
     ----------
-    robot
-        Geometry, limits, highest speeds, what must not be struck.
-    minutes
-        Time that the robot may take, moves included; about four a joint where not given.
+    robot, minutes
+        The arm; time that it may take, moves included, about four a joint where not given.
     speeds, postures_per_joint, replicates
         Shares (0..1] of each joint's top speed, three or more; at least so many postures; passes over the arm.
     criterion
         ``"geometric"``: the geometric mean of the errors; ``"worst"``: nearly the worst, as a share of its usual size.
-    prior, setup
-        An earlier model of the arm, else several robots drawn from the geometry are planned for at once; tilt, payload.
-    seed, tell
-        Same seed, same plan; `tell` is called with a word on what is done.
+    prior, setup, seed, tell
+        An earlier model of the arm, else several robots drawn from the geometry are planned for at once; tilt, payload;
+        same seed, same plan; called with a word on what is done.
 
     Raises
     ------

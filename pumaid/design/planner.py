@@ -76,9 +76,7 @@ class Coverage:
     """How much every joint gets at least."""
 
     postures: int
-    whole: (
-        int  # postures with a run over the whole range at top speed; these come in every pass, others in every second
-    )
+    whole: int  # postures with a run over the whole range at top speed, in every pass; others come in every second
     part: float  # s of a run over part of the range
     judged: int  # sweeps a joint that are kept for judging
     share: float  # of the time, that it may take
@@ -401,9 +399,8 @@ def _cover(
 ) -> Counts:
     """(K L,) the candidates of a coverage for each kind of pass, in the postures that tell most.
 
-    Over the postures of a joint come at least four speeds, the slowest and one in the middle among them; `all_speeds`
-    asks for every speed of the candidates. Postures are compared on top of the information `background` (G, p, p);
-    `opening` (L,) is by how much the criterion could fall in the time that it takes to go to each one.
+    Postures are compared on top of the information `background` (G, p, p); `opening` (L,) is by how much the criterion
+    could fall in the time that it takes to go to each one.
     """
     counts = np.zeros((len(coverage.times), len(candidates)), dtype=np.int64)
     for joint in candidates.joints:

@@ -156,7 +156,7 @@ def _told_apart(
     runs = next_run(solved, first, second)
     if not runs.motions:
         of = " of the size that these logs have of them" if with_logs else ""
-        mend = "plan without --logs for the size that you look for" if with_logs else None
+        mend = "plan without --logs for the size that you look for" if with_logs else ""
         raise _undecided(f"no run within the limits tells {_name(wanted)} from {_name(rival)}{of}", mend)
     return runs, notes
 
@@ -172,9 +172,9 @@ def _best_trial(solved: Fit, projector: Projector, choice: EffectChoice) -> Scor
     return refine_shape(projector, max(trials, key=lambda trial: trial.statistic))
 
 
-def _undecided(what: str, mend: str | None = None) -> ModelError:
-    usual_mend = "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
-    return ModelError("plan-undecided", what, mend=mend or usual_mend)
+def _undecided(what: str, mend: str = "") -> ModelError:
+    mend = mend or "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
+    return ModelError("plan-undecided", what, mend=mend)
 
 
 def _name(choice: EffectChoice) -> str:

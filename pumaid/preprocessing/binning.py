@@ -102,23 +102,13 @@ class JointMotion:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stretch:
-    """N consecutive samples without gaps.
-
-    Attributes
-    ----------
-    log, index
-        The samples, and (N,) their numbers in the window that they come from.
-    time, stamp_error
-        (N,) s at which they were taken, which stamps need not be; RMS by which the stamps differ from it, s.
-    motion
-        None where samples are too few, or no numbers.
-    """
+    """N consecutive samples without gaps."""
 
     log: Log
-    index: Ints
-    time: Floats
-    stamp_error: float = 0.0
-    motion: JointMotion | None = None
+    index: Ints  # (N,) their numbers in the window that they come from
+    time: Floats  # (N,) s at which they were taken, which stamps need not be
+    stamp_error: float = 0.0  # s, RMS by which the stamps differ from it
+    motion: JointMotion | None = None  # None where samples are too few, or no numbers
 
 
 def record(
@@ -306,11 +296,8 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     step = float(even[1] - even[0])
     kernel = averaging_kernel(min(cubic_window(window, step), len(at) // 4 * 2 + 1))
     q, sampled = np.interp(even, time, position), np.interp(even, at, current[measured])
-    level, rate, curve = (
-        np.convolve(kernel, LEVEL),
-        np.convolve(kernel, RATE) / step,
-        np.convolve(kernel, CURVE) / step**2,
-    )
+    level, rate, curve = (np.convolve(kernel, part) for part in (LEVEL, RATE, CURVE))
+    rate, curve = rate / step, curve / step**2
     motion = np.column_stack([np.convolve(q, weights, mode="valid") for weights in (level, rate, curve)])
     smoothed = np.convolve(sampled, level, mode="valid")
     inner = slice(len(level) // 2, len(at) - len(level) // 2)

@@ -45,15 +45,11 @@ class LogStatistics:
         (J,) positions, rad or m.
     path, seconds, speed_squares
         (J,) way, time and integral of the squared speed while moving.
-    moved_by
-        (J, J): sum over windows of displacement of joint a times integrated velocity column b.
-    displacement, integral
-        (J,) sums of their squares.
-    ways
-        (J, 2) windows in which a joint moves alone, forwards and backwards.
-    groups
-        Per joint a and posture of the others: sums over the windows in which a moves alone, (4 + J, 4 + J) of
-        (1, cos, sin, direction, all mean currents).
+    moved_by, displacement, integral
+        (J, J) sum over windows of displacement of joint a times integrated velocity column b; (J,) of their squares.
+    ways, groups
+        (J, 2) windows in which a joint moves alone, forwards and backwards; per joint and posture of the others, sums
+        over these, (4 + J, 4 + J) of (1, cos, sin, direction, all mean currents).
     windows, held, step_sum, step_count, least_step
         (J,) windows while moving, and those whose position often repeats; there, its steps other than 0 (rad or m).
     least_current, most_current, moving
@@ -61,10 +57,9 @@ class LogStatistics:
     levels
         Per joint: the two largest of positive currents, of the sizes of negative ones, and of minus the sizes of those
         that are not zero (A) while moving, and how often each occurs.
-    pairs, same, flat
-        (J,) neighbouring samples while moving, those whose currents are equal, and windows in which all are.
-    zeros
-        (J,) zero currents while moving, in windows with other currents.
+    pairs, same, flat, zeros
+        (J,) neighbouring samples while moving, those whose currents are equal, and windows in which all are; zero
+        currents while moving, in windows with other currents.
     copied, compared
         (J, J) windows in which the mean currents of two joints are the same and not zero, and that have both.
     intervals

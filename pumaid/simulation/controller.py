@@ -27,12 +27,8 @@ class Controller:
     Wanted acceleration (34) K_D (-v + V (K_P/K_D) (target - q)), V (36) such that the part in brackets stays within a
     speed limit. Current (35) J (wanted) + load. The paper's load is i(t-dt) - J (v(t) - v(t-dt)) / dt with
     v(t) = (q(t) - q(t-dt)) / dt of encoder readings; here it is that, averaged by a filter of the second order that
-    follows a steady change without lag, over as short a time as leaves the current calm.
-
-    Attributes
-    ----------
-    position, velocity, current
-        (J,) rad or m by the encoders, rad/s or m/s as the drives know it, A.
+    follows a steady change without lag, over as short a time as leaves the current calm. Its `position` (J,) is that of
+    the encoders, rad or m, its `velocity` (J,) as the drives know it, its `current` (J,) in A.
     """
 
     def __init__(self, truth: Truth, *, period: float) -> None:

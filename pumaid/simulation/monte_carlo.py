@@ -23,16 +23,7 @@ class Bench:
     """One experiment on one virtual robot, prepared once, made as often as wanted.
 
     Positions are exact and the runs are cut where the speed is constant; only the currents' noise differs between
-    experiments.
-
-    Parameters
-    ----------
-    truth, plan
-        The robot and its motions; held-out ones are marked in the runs.
-    rate
-        Samples a second.
-    bins
-        Bins a run (fewer where a run has too few samples).
+    experiments. `rate` is in samples a second; a run has at most so many `bins`.
 
     Examples
     --------

@@ -121,20 +121,9 @@ class RigidArm:
     friction act at the joints; a payload is a body that comes at its time; what stands elsewhere than the encoders
     tell (an offset, a drive that sags) is in `reading`.
 
-    Parameters
-    ----------
-    truth, step
-        The robot; s of the engine's steps.
-    grip
-        Velocity of the shafts (J,) -> (J,) times Coulomb friction: the dry friction that the engine holds against them.
-        Where not given, `Truth.breakaway` at rest and 1 in motion.
-
-    Attributes
-    ----------
-    model, data
-        MuJoCo's own ``MjModel`` and ``MjData``, open to anybody.
-    state
-        What hidden effects depend on; its `time`, `first` and `temperature` are set by whoever steps the arm.
+    The engine steps by `step` s. `grip` gives of the shafts' velocity (J,) the (J,) times Coulomb friction that the
+    engine holds against them; where not given, `Truth.breakaway` at rest and 1 in motion. `model` and `data` are
+    MuJoCo's own; `state` is what hidden effects depend on, whose `time`, `first` and `temperature` the caller sets.
     """
 
     def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:

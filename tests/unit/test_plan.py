@@ -62,7 +62,7 @@ def needs_attention(found: Plan) -> bool:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_everything_the_arm_has_is_promised(name):
-    """Each parameter has either an expected error or a reason why no run shows it."""
+    """Each parameter has an expected error, near a bound that no such experiment beats, or a reason why it has none."""
     found, structure, n = planned(name), minimal(arm(name)), arm(name).n_joints
     assert set(found.unseen) == set(structure.absent) | {f"gain_ratio.{i}.{j}" for i, j in structure.redundant}
     friction = {
@@ -71,6 +71,7 @@ def test_everything_the_arm_has_is_promised(name):
     assert friction | {f"gain_ratio.{k}.{k + 1}" for k in range(1, n)} <= set(found.expected) | set(found.unseen)
     assert not set(found.expected) & set(found.unseen)
     assert all(0.0 < error < 1.0 for error in found.expected.values())
+    assert name == "stanford" or 0.75 < found.efficiency <= 1.0
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -87,7 +88,7 @@ def test_limits_and_speeds_are_kept(name):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_joint_has_postures_speeds_and_spans(name):
-    """Four postures, four speeds up to the highest, the whole span in two postures, both ways equally in each."""
+    """Four postures and speeds, the whole span in two, both ways equally; judged at speeds and postures of no fit."""
     for joint in arm(name).joints:
         runs = fitted(planned(name), joint.number)
         speeds = sorted({m.velocity for m in runs})
@@ -99,14 +100,7 @@ def test_every_joint_has_postures_speeds_and_spans(name):
             ways = [m.end - m.start for m in runs if m.hold == hold]
             assert sum(ways) == pytest.approx(0.0, abs=1e-9)
             assert min(ways) < 0.0 < max(ways)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_held_out_runs_are_new(name):
-    """Runs for judging use speeds, and where postures matter postures, that no fitted run has."""
-    for joint in arm(name).joints:
         judged = [m for m in planned(name).motions if m.joint == joint.number and m.purpose == "heldout"]
-        runs = fitted(planned(name), joint.number)
         assert judged and not {m.velocity for m in judged} & {m.velocity for m in runs}
         assert arm(name).n_joints == 2 or not {m.hold for m in judged} & {m.hold for m in runs}
 
@@ -122,12 +116,6 @@ def test_replicates_are_a_pass_apart():
     gaps = [{m.joint for m in found.motions[where[0] : where[-1]]} for where in twice.values()]
     # A block at the end of the first pass may come early in the second; across the plan nearly all joints lie between.
     assert np.mean([len(gap) for gap in gaps]) > 4.0
-
-
-@pytest.mark.parametrize("name", ["puma560", "pendulum2"])
-def test_no_plan_is_much_worse_than_the_best_conceivable(name):
-    """Errors are within a third of a bound that no experiment of these laps in this time can beat."""
-    assert 0.75 < planned(name).efficiency <= 1.0
 
 
 def test_budget_is_kept():
