@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -95,7 +94,7 @@ def run_moments(span: tuple[float, float], seconds: float, noise: Noise, *, join
     """
     q = np.linspace(*span, _POINTS)
     parts = np.column_stack([np.cos(q), np.sin(q), np.ones(_POINTS)])
-    phi = math.exp(-1.0 / (RATE * noise.correlation_time)) if noise.correlation_time > 0 else 0.0
+    phi = noise.correlation(RATE)
     slow = noise.sample_std[joint - 1] ** 2 * (1 + phi) / (1 - phi)
     level = noise.level_std[joint - 1] ** 2
     samples = max(seconds * RATE, 1.0)

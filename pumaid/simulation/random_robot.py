@@ -76,7 +76,11 @@ def _shortened(values: Floats) -> Floats:
 
 def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
     """(J,) rated load: the greatest that gravity asks in any of many postures, with something to spare."""
-    load = np.max(np.abs(gravity_load(robot, links, _anywhere(robot, 400, rng))), axis=0)
+    # Turning joints stand at any angle, sliding joints where a plan may move them.
+    share = rng.uniform(-np.pi, np.pi, (400, robot.n_joints)) / np.pi
+    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
+    position = 0.5 * ends.sum(axis=1) + 0.5 * np.diff(ends, axis=1)[:, 0] * share
+    load = np.max(np.abs(gravity_load(robot, links, position)), axis=0)
     # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
     load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
     # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
@@ -87,23 +91,10 @@ def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
     return load * rng.uniform(1.3, 2.2, robot.n_joints)
 
 
-def _anywhere(robot: Robot, count: int, rng: np.random.Generator) -> Floats:
-    """(count, J) positions: turning joints at any angle, sliding joints where a plan may move them."""
-    share = rng.uniform(-np.pi, np.pi, (count, robot.n_joints)) / np.pi
-    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
-    middle, half = 0.5 * ends.sum(axis=1), 0.5 * np.diff(ends, axis=1)[:, 0]
-    return np.asarray(middle + half * share)
-
-
 def _friction(robot: Robot, sign: Floats, rng: np.random.Generator) -> Friction:
     """Coulomb 0.25..0.7 A and as much viscous current at the highest speed, each direction its own."""
     n = robot.n_joints
     coulomb = rng.uniform(0.25, 0.7, n)
     viscous = rng.uniform(0.25, 0.8, n) * coulomb / highest_speeds(robot)
     uneven = rng.uniform(0.8, 1.2, (4, n))
-    return Friction(
-        sign * coulomb * uneven[0],
-        -sign * coulomb * uneven[1],
-        sign * viscous * uneven[2],
-        sign * viscous * uneven[3],
-    )
+    return Friction(*(sign * uneven * [coulomb, -coulomb, viscous, viscous]))
