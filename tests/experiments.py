@@ -15,7 +15,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.gls import fit_bins
 from pumaid.io.log_reader import LogReader
-from pumaid.io.log_writer import write_log
+from pumaid.io.write import write_log
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment

@@ -81,11 +81,6 @@ def scaled(factor: float, *columns: str) -> Callable[[Path], None]:
     return tables(lambda table: table.assign(**{name: table[name] * factor for name in columns}))
 
 
-def moved(order: dict[str, str]) -> Callable[[Path], None]:
-    """Columns under other names, in both logs."""
-    return tables(lambda table: table.rename(columns=order))
-
-
 def times(change: Callable[[np.ndarray], np.ndarray], *, only_first: bool = False) -> Callable[[Path], None]:
     """Times changed in both logs (or the first)."""
     return tables(lambda table: table.assign(t=np.round(change(table.t.to_numpy().copy()), 6)), only_first=only_first)
@@ -338,7 +333,7 @@ def columns() -> dict[str, dict[str, Callable[[Path], None]]]:
     for pair in ("q1 q2", "i1 i2", "qd1 qd2", "q1 i1", "t q1"):
         first, second = pair.split()
         order = {first: second, second: first}
-        swaps |= {pair: moved(order), f"{pair} in one of two logs": tables(named(order), only_first=True)}
+        swaps |= {pair: tables(named(order)), f"{pair} in one of two logs": tables(named(order), only_first=True)}
     return {
         "missing columns": {
             **{column: tables(without(column)) for column in ("t", "q1", "qd2", "i1")},
@@ -352,11 +347,16 @@ def columns() -> dict[str, dict[str, Callable[[Path], None]]]:
         },
         "doubled columns": {"t": raw(replaced(b"t,q1", b"t,t", 1)), "i1": raw(replaced(b"t,q1", b"i1,q1", 1))},
         "renamed columns": {
-            **{f"{name} in capitals with a blank": moved({name: f" {name.upper()}"}) for name in ("t", "q1", "i2")},
-            "as another maker's": moved(UR),
-            "with its velocities": moved({**UR, "qd1": "target_qd_0", "qd2": "target_qd_1"}),
-            "counted from 0": moved({f"{word}{k}": f"{word}{k - 1}" for word in ("q", "qd", "i") for k in (1, 2)}),
-            "with units": moved({name: f"{name} [A]" for name in ("i1", "i2")}),
+            **{
+                f"{name} in capitals with a blank": tables(named({name: f" {name.upper()}"}))
+                for name in ("t", "q1", "i2")
+            },
+            "as another maker's": tables(named(UR)),
+            "with its velocities": tables(named({**UR, "qd1": "target_qd_0", "qd2": "target_qd_1"})),
+            "counted from 0": tables(
+                named({f"{word}{k}": f"{word}{k - 1}" for word in ("q", "qd", "i") for k in (1, 2)})
+            ),
+            "with units": tables(named({name: f"{name} [A]" for name in ("i1", "i2")})),
         },
         "swapped columns": {
             **swaps,

@@ -19,8 +19,8 @@ from ruamel.yaml import YAML
 
 from pumaid.cli import group
 from pumaid.io.log_reader import LogReader
-from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.write import write_log
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 

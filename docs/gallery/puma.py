@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pumaid.simulation.mujoco_engine import RigidArm
 
-from pumaid.io.log_writer import write_log
+from pumaid.io.write import write_log
 from pumaid.dataset import Log
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1

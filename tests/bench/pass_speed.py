@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
+from pumaid.io.write import write_log
 from pumaid.simulation import table1
 from pumaid.simulation.session import simulate
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pumaid import export, read_model
 from pumaid.dataset import Log
 from pumaid.exports.robot_xml import xml_name
-from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.write import write_log
 from pumaid.robot import Robot
 from pumaid.simulation.mujoco_engine import mjcf
 from pumaid.simulation.random_robot import draw

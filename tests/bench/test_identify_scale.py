@@ -9,8 +9,8 @@ from itertools import groupby
 
 import pytest
 
-from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
+from pumaid.io.write import write_log
 from pumaid.simulation import table1
 from pumaid.simulation.session import simulate
 

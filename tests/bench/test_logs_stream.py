@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pumaid.dataset import Log
-from pumaid.io.log_writer import write_log
+from pumaid.io.write import write_log
 from pumaid.robot import Joint, Robot
 
 #: What getrusage tells begins at the size of the process that started it, so the system's own record is read.

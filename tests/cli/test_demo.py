@@ -54,7 +54,7 @@ def test_ctrl_c_ends_a_demo_as_any_command(small, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pumaid.io.log_writer.write_session", interrupted)
+    monkeypatch.setattr("pumaid.io.write.write_session", interrupted)
     err = invoke("demo", "tale", "--robot", "pendulum2", code=130).stderr
     assert err.strip().splitlines() == ["stopped; files that were being written are as they were before"]
 

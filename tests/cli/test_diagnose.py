@@ -22,9 +22,9 @@ from pumaid.cli import group
 from pumaid.cli.additions import identify_command, with_commands
 from pumaid.diagnosis.plan_for_effect import plan_of_findings as deciding
 from pumaid.diagnosis.records import Diagnosis, Digest, read_diagnosis, write_diagnosis
-from pumaid.io.log_writer import write_log
 from pumaid.io.plan_file import read_plan, write_plan
 from pumaid.io.recipe import shipped_recipes
+from pumaid.io.write import write_log
 from pumaid.results.model_file import model_digest
 from pumaid.robot import EffectChoice
 from pumaid.simulation import hidden_effects as hidden

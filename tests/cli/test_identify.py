@@ -13,8 +13,8 @@ from click.testing import CliRunner, Result
 
 import pumaid
 from pumaid.cli import group
-from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import shipped_recipes
+from pumaid.io.write import write_log
 from pumaid.simulation.random_robot import draw
 from pumaid.trajectory import Plan
 

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from motion_worlds import World, make
 
 from pumaid.cli import group
-from pumaid.io.log_writer import write_log
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.write import write_log
 
 
 @pytest.fixture(scope="module")

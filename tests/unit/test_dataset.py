@@ -13,7 +13,7 @@ from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset, load_dataset, save_dataset
 from pumaid.experiment import dataset_inputs, keep_dataset, read_dataset
-from pumaid.io.log_writer import write_log
+from pumaid.io.write import write_log
 from pumaid.preprocessing.ingest import ingest
 from pumaid.robot import Robot
 

@@ -17,8 +17,8 @@ from motion_worlds import World, make, robot
 
 from pumaid.dataset import Dataset
 from pumaid.errors import LogError
-from pumaid.io.log_writer import write_log
 from pumaid.io.paths import expand
+from pumaid.io.write import write_log
 from pumaid.preprocessing import ingest as module
 from pumaid.preprocessing.ingest import dask_workers, in_order, ingest, local_processes
 

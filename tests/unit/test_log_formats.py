@@ -24,22 +24,6 @@ print(rows > 1000, "pandas" in sys.modules)
 """
 
 
-@pytest.mark.parametrize(
-    "column",
-    [
-        pa.array([1.0, 2.5, -3.0]),
-        pa.array([None, 2.5, None, 1e300]),
-        pa.array([0.0, 1.0, 2.0, None, 4.0]).slice(1, 3),
-        pa.array([], type=pa.float64()),
-        pa.array([None, None], type=pa.float64()),
-    ],
-)
-def test_columns_are_what_arrow_says(column):
-    """Whole, sliced, empty, with and without numbers: as Python's own numbers."""
-    wanted = [np.nan if value is None else value for value in column.to_pylist()]
-    np.testing.assert_array_equal(floats(column), np.array(wanted, dtype=float))
-
-
 @pytest.mark.parametrize("log", ["pendulum/logs/session_01.csv", "puma560/logs/session_01.parquet"])
 def test_reading_logs_loads_no_pandas(log):
     """It takes longer to load than a million rows to read."""

@@ -8,7 +8,7 @@ import hashlib
 import io
 import lzma
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from pumaid.dataset import Log
 from pumaid.errors import LogError, ResultError
 from pumaid.io.formats import csv_text
 from pumaid.io.log_reader import LogReader
-from pumaid.io.log_writer import write_log
+from pumaid.io.write import write_log
 from pumaid.robot import Joint, LogFormat, Robot
 
 
@@ -338,16 +338,6 @@ def test_an_unknown_temperature_keeps_its_row(tmp_path: Path) -> None:
     assert log.temperature is not None and np.array_equal(log.temperature[:, 0], [30.0, np.nan], equal_nan=True)
 
 
-def test_a_current_that_comes_later_is_read(tmp_path: Path) -> None:
-    """Where only the joint that moves is measured, the others' currents are unknown meanwhile; no row is lost."""
-    rows = [f"{k},0,0,{1 if k < 1500 else 'nan'},{'nan' if k < 1500 else 2}\n" for k in range(3000)]
-    (tmp_path / "a.csv").write_text("t,q1,q2,i1,i2\n" + "".join(rows))
-    log, reader = read(tmp_path / "a.csv", arm())
-    assert len(log) == 3000 and [np.count_nonzero(np.isfinite(log.current[:, j])) for j in (0, 1)] == [1500, 1500]
-    (note,) = reader.notes
-    assert note.slug == "current-absent" and "some of 3000 rows (i1 in 1500, i2 in 1500)" in note.text
-
-
 def test_an_unknown_velocity_keeps_its_row(tmp_path: Path) -> None:
     """Nothing is computed from a velocity: a missing one costs no row and is noted, an absurd one marks a bad row."""
     rows = [f"{k / 100},{k / 50},{'nan' if k % 3 else 2},1\n" for k in range(60)]
@@ -411,6 +401,14 @@ REFUSED = {
     ),
     "no current": ("t,q1,i1\n0,0,\n1,0,\n", "no-current", "i1"),
     "nanoseconds": ("t,q1,i1\n1700000000000000000,0,1\n1700000000001000000,0,1\n", "bad-samples", "t in 2"),
+    "quantities in different rows": (
+        "t,q1,i1\n" + "".join(f"{k},,1\n" if k % 2 else f"{k},{k},\n" for k in range(100)),
+        "bad-samples",
+        "join them by time",
+    ),
+    "second header": ("t,q1,i1\n0,0,1\n1,0,1\nt,q1,i1\n0,0,1\n", "not-a-number", "row 4 is a header"),
+    "bzip2": (bz2.compress(b"t,q1,i1\n"), "not-a-log", "compressed by bzip2"),
+    "xz": (lzma.compress(b"t,q1,i1\n"), "not-a-log", "compressed by xz"),
     "spreadsheet": (b"PK\x03\x04rest", "not-a-log", "spreadsheet"),
     "binary": (b"t,q1\x00\x01", "not-a-log", "binary"),
     "cut parquet": (b"PAR1" + bytes(100), "damaged-log", "not a whole Parquet file"),
@@ -423,15 +421,8 @@ def test_what_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
     """Every fault has its slug, its value, its place and a mend."""
     content, slug, said = REFUSED[case]
     error = refusal(tmp_path / "a.csv", content, arm(1))
-    assert error.slug == slug and said.replace("{path}", str(tmp_path / "a.csv")) in error.what and error.mend
+    assert error.slug == slug and said in f"{error.what} {error.mend}" and error.mend
     assert error.where.file == str(tmp_path / "a.csv")
-
-
-def test_quantities_in_different_rows_are_told(tmp_path: Path) -> None:
-    """Two topics of a recorder put together row by row: no row has a position and a current; the mend joins them."""
-    rows = "".join(f"{k},,1\n" if k % 2 else f"{k},{k},\n" for k in range(100))
-    error = refusal(tmp_path / "a.csv", "t,q1,i1\n" + rows, arm(1))
-    assert error.slug == "bad-samples" and "join them by time" in error.mend
 
 
 def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
@@ -538,20 +529,3 @@ def test_comments_before_and_behind_the_header_are_no_rows(tmp_path: Path, place
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     log, reader = read(tmp_path / "a.csv", arm())
     assert same(replace(log, rows=motion(40).rows), motion(40)) and not reader.notes
-
-
-@pytest.mark.parametrize("second", ["t,q1,q2,i1,i2", "t,q2,q1,i2,i1"])
-def test_a_second_header_is_told_as_one(tmp_path: Path, second: str) -> None:
-    """Two recordings one after the other in a file."""
-    rows = [f"{k},0,0,1,1" for k in range(30)]
-    (tmp_path / "a.csv").write_text("\n".join(["t,q1,q2,i1,i2", *rows, second, *rows]) + "\n")
-    with pytest.raises(LogError, match="row 32 is a header"):
-        read(tmp_path / "a.csv", arm())
-
-
-@pytest.mark.parametrize(("packed", "name"), [(bz2.compress, "bzip2"), (lzma.compress, "xz")])
-def test_other_compressions_are_named(tmp_path: Path, packed: Callable[[bytes], bytes], name: str) -> None:
-    """What pumaid does not unpack is not called binary data."""
-    (tmp_path / "a.csv").write_bytes(packed(text(motion(20)).encode()))
-    with pytest.raises(LogError, match=f"compressed by {name}"):
-        read(tmp_path / "a.csv", arm())

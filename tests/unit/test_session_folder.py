@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from pumaid.errors import ResultError
-from pumaid.io.log_writer import read_truth, write_session
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.write import read_truth, write_session
 from pumaid.simulation.session import simulate
 from pumaid.trajectory import Motion, Plan
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def _virtual_robot(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
-    from pumaid.io.log_writer import read_truth
+    from pumaid.io.write import read_truth
     from pumaid.simulation import draw, table1
     from pumaid.simulation.hidden_effects import parse
     from pumaid.simulation.virtual_robot import as_json, from_json
@@ -107,8 +107,8 @@ def command(
       pumaid simulate -o - | pumaid identify -
     """
     from pumaid.experiment import Experiment
-    from pumaid.io.log_writer import write_session
     from pumaid.io.plan_file import PLAN_NAME, read_plan
+    from pumaid.io.write import write_session
     from pumaid.reporting.documents import session_document
     from pumaid.reporting.run_tables import session_table
     from pumaid.simulation.session import simulate
