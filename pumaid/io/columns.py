@@ -97,29 +97,23 @@ def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[s
         the nearest name, or a `log` block to paste. Several faults are told together (`Faults`).
     """
     wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
-    faults = _faults(header, robot, {**wanted, "extra": list(extra)}, name)
+    wanted["extra"] = list(extra)
+    faults = _faults(header, robot, wanted, name)
     if faults:
         raise faults[0] if len(faults) == 1 else Faults(faults)
     names, factors = [robot.log.time], [time_factor(robot)]
     places: dict[str, NDArray[np.int64]] = {}
     notes: list[Note] = []
-    for quantity in QUANTITIES:
-        present = {k: column for k, column in enumerate(wanted[quantity]) if column in header}
-        lacking = [column for column in wanted[quantity] if column is not None and column not in header]
+    for quantity, asked in wanted.items():
+        present = {k: column for k, column in enumerate(asked) if column in header}
+        lacking = [column for column in asked if column is not None and column not in header]
         notes += _absence(quantity, lacking, bool(present), form=robot.log, name=name)
         if quantity == "velocity" and lacking:
             present = {}
-        places[quantity] = _places(present, len(names))
+        indices = [(k, len(names) + count) for count, k in enumerate(present)]
+        places[quantity] = np.array(indices, dtype=np.int64).reshape(-1, 2)
         names += map(str, present.values())
-        factors += [factor_of(robot, quantity, robot.joints[k]) for k in present]
-    present = {k: column for k, column in enumerate(extra) if column in header}
-    places["extra"] = _places(present, len(names))
-    names += map(str, present.values())
-    factors += [1.0] * len(present)
-    for column in extra:
-        if column not in header:
-            text = f"no column {_listed([column])}: it counts as unknown here"
-            notes.append(Note("extra-absent", text, Where(file=name)))
+        factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
     templates = [template for template in (robot.log.position, robot.log.current) if "{name" not in template]
     beyond = [template.format(joint=robot.n_joints + 1, joint0=robot.n_joints) for template in templates]
     more = [column for column, template in zip(beyond, templates, strict=True) if column in header and "{" in template]
@@ -129,11 +123,6 @@ def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[s
         )
         notes.append(Note("more-joints", text, Where(file=name)))
     return Columns(tuple(names), np.array(factors), places, tuple(notes))
-
-
-def _places(present: Mapping[int, str | None], start: int) -> NDArray[np.int64]:
-    """(k, 2) rows of the keys and the indices from `start`."""
-    return np.array([(key, start + k) for k, key in enumerate(present)], dtype=np.int64).reshape(-1, 2)
 
 
 def _faults(
@@ -186,8 +175,11 @@ def _absence(quantity: str, lacking: list[str], has_other: bool, *, form: LogFor
         "current": ("current-absent", "the runs of these joints show no current and are not identified"),
         "velocity": ("velocity-absent", "all velocities are derived from position"),
         "temperature": ("temperature-absent", "these temperatures are not known"),
+        "extra": ("extra-absent", "it counts as unknown here"),
     }
-    is_asked = quantity == "current" or has_other or getattr(form, quantity) != getattr(LogFormat(), quantity)
+    is_asked = (
+        quantity in ("current", "extra") or has_other or getattr(form, quantity) != getattr(LogFormat(), quantity)
+    )
     if not lacking or quantity not in meanings or not is_asked:
         return []
     slug, meaning = meanings[quantity]
