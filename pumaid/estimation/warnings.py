@@ -114,8 +114,8 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
             continue
         advice = "Its intervals may not hold the truth; if no column is wrong, 'pumaid diagnose' tells what is missing"
         floor = joint.noise_floor or 0.0
-        known = f"noise floor {number(floor)} A" if 0.0 < floor < misses else f"noise inside runs {number(noise)} A"
-        why = f"{text}, its {known}. {advice}"
+        level = f"noise floor {number(floor)} A" if 0.0 < floor < misses else f"noise inside runs {number(noise)} A"
+        why = f"{text}, its {level}. {advice}"
         if not is_far:
             why = f"{text} of a current of {number(size)} A, and noise alone is {number(noise)} A. Is the column right?"
         yield Note("model-misses", why, Where(joint=joint.joint))
