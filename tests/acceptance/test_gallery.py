@@ -127,12 +127,12 @@ def test_the_data_hold_this_run(program, left):
 
 
 def test_the_static_test_takes_uneven_friction_for_gravity(ladder):
-    """Each reading is off by half the sum of both directions' friction; the identified model by a tenth of that."""
+    """Each reading is off by half the sum of both directions' friction; the identified model by an eighth of that at most."""
     program = of_gallery("static_test")
     found, _ = program.errors(ladder.robot, ladder.dataset)
     for joint, rows in found.items():
         assert rows[:, 0] == pytest.approx(program.unevenness(ladder.robot, joint), abs=0.01)
-        assert np.all(np.abs(rows[:, 1]) < 0.1 * np.abs(rows[:, 0]))
+        assert np.all(np.abs(rows[:, 1]) < 0.125 * np.abs(rows[:, 0]))
     page = (GALLERY / "static_test.md").read_text(encoding="utf-8").split("robot 2")[0]
     told, told_now = (
         numbers(text.split("friction\n")[1]) for text in (page, "\n".join(program.table(ladder.robot, found)))

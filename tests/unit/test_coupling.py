@@ -76,13 +76,13 @@ def test_a_recipe_states_the_coupling(tmp_path):
 @pytest.mark.parametrize(
     ("coupling", "slug", "words"),
     [
-        ("{r45: 0.1}", "recipe-bad-value", "not nearer to the base"),
-        ("{r55: 0.1}", "recipe-bad-value", "not nearer to the base"),
-        ("{r74: 0.1}", "recipe-bad-value", "no joint 7"),
-        ("{wrist: 0.1}", "recipe-bad-key", "does not name two joints"),
-        ("{r1210: 0.1}", "recipe-bad-key", "does not name two joints"),
+        ("{r45: 0.1}", "recipe-bad-value", "one nearer to the base"),
+        ("{r55: 0.1}", "recipe-bad-value", "one nearer to the base"),
+        ("{r74: 0.1}", "recipe-bad-value", "r74 does not name two of the 6 joints"),
+        ("{wrist: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
+        ("{r1210: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
         ("{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "r5_4 couples joints that another key couples"),
-        ("{r54: fast}", "recipe-bad-value", "not a number"),
+        ("{r54: fast}", "recipe-bad-value", "should be a valid number"),
     ],
 )
 def test_a_coupling_that_cannot_be_is_refused_with_its_line(tmp_path, coupling, slug, words):
