@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 35929,
-    "statements": 19459,
-    "modules": 197,
+    "lines": 31628,
+    "statements": 17859,
+    "modules": 186,
     "import depth": 12,
-    "lines of tests and tools": 29671,
+    "lines of tests and tools": 28003,
     "words of documents": 30000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
