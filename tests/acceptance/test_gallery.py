@@ -127,7 +127,7 @@ def test_the_data_hold_this_run(program, left):
 
 
 def test_the_static_test_takes_uneven_friction_for_gravity(ladder):
-    """A reading is off by half the sum of both directions' friction; the identified model by less than an eighth of that."""
+    """A reading is off by half the sum of both directions' friction; the model by less than an eighth of that."""
     program = of_gallery("static_test")
     found, _ = program.errors(ladder.robot, ladder.dataset)
     for joint, rows in found.items():
