@@ -352,11 +352,12 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
     error = SPREAD * ticks.slope_error(joint, half)
     acceleration = slopes(time, velocity, 1)
     peak = float(np.abs(acceleration).max())
+    negligible = max(SETTLED * peak, SURE * ticks.slope_error(joint, half) / (2.0**0.5 * ticks.interval))
     reach = max(1, round_half_up(0.7 * options.min_duration / ticks.interval))
     cores = _cores(speed, reach, tolerance=(options.speed_tolerance, error))
     runs = []
     for start, stop in _one_speed(speed, cores, share=options.speed_tolerance, error=error):
-        first, last = _settled(acceleration, (start, stop), SETTLED * peak, longest=round_half_up(END / ticks.interval))
+        first, last = _settled(acceleration, (start, stop), negligible, longest=round_half_up(END / ticks.interval))
         # Where the data begin or end there is no ramp.
         if movement.start + start > 0:
             first = max(first, start + round_half_up(SETTLING / ticks.interval))
