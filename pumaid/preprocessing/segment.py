@@ -375,12 +375,12 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
 def _settled(acceleration: Floats, core: tuple[int, int], negligible: float, *, longest: int) -> tuple[int, int]:
     """Ticks [first, last) of a core without ends that accelerate, `longest` of them at most and a third of it.
 
-    An acceleration counts that is not `negligible` and surely larger than those in the middle half.
+    An acceleration counts that is not `negligible` and surely larger than those in the middle half (by their median, of
+    which a normal spread is 1.48 times).
     """
-    inside = acceleration[slice(*core)]
+    inside = np.abs(acceleration[slice(*core)])
     quarter, size = len(inside) // 4, min(longest, len(inside) // 3)
-    usual = SURE * 1.48 * float(np.median(np.abs(inside[quarter : len(inside) - quarter])))  # of a normal spread
-    far = np.abs(inside) > max(negligible, usual)
+    far = inside > max(negligible, SURE * 1.48 * float(np.median(inside[quarter : len(inside) - quarter])))
     front, back = (np.flatnonzero(end).max(initial=-1) + 1 for end in (far[:size], far[::-1][:size]))
     return core[0] + int(front), core[1] - int(back)
 
