@@ -375,8 +375,7 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
 def _settled(acceleration: Floats, core: tuple[int, int], negligible: float, *, longest: int) -> tuple[int, int]:
     """Ticks [first, last) of a core without ends that accelerate, `longest` of them at most and a third of it.
 
-    An acceleration counts that is not `negligible` and surely larger than those in the middle half (by their median, of
-    which a normal spread is 1.48 times).
+    Accelerations count that are not `negligible` and surely above 1.48 medians (the spread) of the middle half.
     """
     inside = np.abs(acceleration[slice(*core)])
     quarter, size = len(inside) // 4, min(longest, len(inside) // 3)
