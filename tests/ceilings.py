@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 17859,
     "modules": 186,
     "import depth": 12,
-    "lines of tests and tools": 28003,
+    "lines of tests and tools": 27997,
     "words of documents": 30000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

@@ -80,12 +80,6 @@ def test_a_right_answer_is_not_off(tmp_path, truth):
         assert off == {"gravity off": pytest.approx(1.0 - factor), "friction off": pytest.approx(1.0 - factor)}
 
 
-def test_figaroh_is_asked_for_every_joint(truth):
-    """The configuration names the recipe's joints as the URDF does."""
-    text = peer_logs.figaroh_configuration(truth.robot)
-    assert "active_joints: [waist, shoulder, elbow]" in text
-
-
 def test_mujoco_s_model_has_motors_and_sensors(truth):
     """The model that mujoco.sysid begins with is driven and read joint by joint, in the order of the log."""
     mujoco = pytest.importorskip("mujoco")
