@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 #: Exit codes of the command line (interfaces: 0 done, 1 asks for attention, 2 misuse, 3 bad input, 4 our bug).
@@ -99,6 +99,12 @@ class Faults(PumaidError):
 
     def __str__(self) -> str:
         return "\n".join(str(fault) for fault in self.faults)
+
+
+def refuse(faults: Sequence[PumaidError]) -> None:
+    """Raise what there is to refuse: nothing, one error, or several together."""
+    if faults:
+        raise faults[0] if len(faults) == 1 else Faults(faults)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.design.candidate_runs import JointCandidates, postures, speeds, sweeps, usable
+from pumaid.design.candidate_runs import free_blocks, postures, speeds, sweeps
 from pumaid.design.collision import Collision
 from pumaid.design.information import CandidateInformation, candidate_information, existing_names
 from pumaid.design.prior import Prior, random_robots
@@ -39,18 +39,18 @@ def names(robot: Robot) -> tuple[str, ...]:
 @cache
 def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.4, 1.0)) -> CandidateInformation:
     """Candidates of a shipped arm in a few random postures, for two drawn robots."""
-    robot, rng, joints = arm(name), np.random.default_rng(1), []
+    robot, rng, blocks = arm(name), np.random.default_rng(1), []
     for joint in range(1, robot.n_joints + 1):
         varied = [k for k in range(1, robot.n_joints + 1) if k != joint]
         holds = postures(robot, joint, varied=varied, count=count, rng=rng)[-count:]
         ways = sweeps(robot, joint, speeds(robot, joint, shares))
-        joints.append(JointCandidates(joint, holds, ways, usable(Collision(robot), holds, ways)))
-    return candidate_information(prior(name).robots[:2], joints, names=names(robot))
+        blocks += free_blocks(Collision(robot), holds, ways)
+    return candidate_information(prior(name).robots[:2], blocks, names=names(robot))
 
 
 def motions_of(candidates: CandidateInformation, numbers: Sequence[int]) -> list[Motion]:
     """The runs of some candidates."""
-    return [m for c in numbers for m in candidates.candidate(c).motions]
+    return [m for c in numbers for m in candidates.blocks[c].motions]
 
 
 def write_short_plan(path: Path) -> None:

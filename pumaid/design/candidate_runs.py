@@ -16,32 +16,25 @@ from pumaid.trajectory import (
     QUICKEST_SLIDE,
     QUICKEST_TURN,
     Motion,
-    Plan,
     accelerations,
     cruise,
-    duration,
     highest_speeds,
     span,
 )
 from pumaid.units import factor
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 #: Shares of a joint's top speed: slow enough for Stribeck friction, fast enough to tell viscous friction from it.
 SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)
-#: s at constant speed of a run over a part of the range.
-PARTS = (0.8, 2.0, 5.0)
+#: s at constant speed of runs over a part of the range; slower runs than the last cover a part of the range.
+PARTS = (0.8, 2.0, 5.0, 15.0)
 #: Least way at constant speed (rad, m): ripples of a motor's turn should average out.
 LEAST_TURN, LEAST_SLIDE = 6.0 * factor("deg"), 0.03
 #: A longer part exceeds a shorter one by this factor; a part of more than `_WHOLE` of the room takes all of it.
 _LONGER, _WHOLE = 1.3, 0.8
-#: s of a run at most; slower runs cover a part of the range.
-_LONGEST = 15.0
 #: Least share of the range at constant speed; ramps take the rest.
 _LEAST_CRUISE = 0.6
-#: Speeds that a joint needs at least: fewer do not separate Coulomb, viscous and a bend.
-_FEWEST = 3
 #: Held joints stand at multiples of `_STEP`, at most `_FARTHEST` from home (rad).
 _STEP, _FARTHEST = 15.0 * factor("deg"), 150.0 * factor("deg")
 
@@ -85,27 +78,10 @@ class Block:
         return tuple(Motion(self.joint, self.hold, *way, sweep.speed, self.purpose) for sweep, way in ways)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class JointCandidates:
-    """Candidates of one joint: K postures (K, J), C sweeps, and which sweep is free of collisions where (K, C)."""
-
-    joint: int
-    holds: Floats
-    sweeps: tuple[Sweep, ...]
-    usable: Bools
-
-    def candidate(self, hold: int, sweep: int) -> Block:
-        """A sweep in a posture, both by their numbers from 0."""
-        return Block(tuple(self.holds[hold].tolist()), (self.sweeps[sweep],))
-
-
 def home(robot: Robot) -> Floats:
     """(J,) where joints are held by default, rad or m: zero where the limits allow it, else mid-range."""
-    places = []
-    for joint in robot.joints:
-        low, high = span(joint)
-        places.append(0.0 if low <= 0.0 <= high and joint.is_revolute else 0.5 * (low + high))
-    return np.array(places)
+    low, high = np.transpose([span(joint) for joint in robot.joints])
+    return np.where(robot.is_revolute & (low <= 0.0) & (high >= 0.0), 0.0, 0.5 * (low + high))
 
 
 def top_speed(robot: Robot, joint: int) -> float:
@@ -135,20 +111,18 @@ def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
 
     All begin and end at the joint's home position, so that nothing is lost between two sweeps of a posture.
     """
-    for least in (LEAST_TURN if robot.joint(joint).is_revolute else LEAST_SLIDE, 0.0):
-        result = tuple(dict.fromkeys(sweep for speed in at for sweep in _sweeps(robot, joint, speed, least=least)))
-        # A very slow joint takes too long over the least way and gets a shorter one.
-        if len({sweep.speed for sweep in result}) >= min(_FEWEST, len(at)):
-            return result
     (low, high), middle = span(robot.joint(joint)), float(home(robot)[joint - 1])
-    return result or (_tour(joint, (middle, high, low, middle), min(at)),)
+    result = dict.fromkeys(sweep for speed in at for sweep in _sweeps(robot, joint, speed))
+    return tuple(result) or (Sweep(joint, _passed(middle, high, low, middle), min(at)),)
 
 
-def _sweeps(robot: Robot, joint: int, speed: float, *, least: float) -> Iterator[Sweep]:
-    """Sweeps whose runs last neither too long nor too short and go over at least `least` (rad or m)."""
-    low, high = span(robot.joint(joint))
-    middle, before, step = float(home(robot)[joint - 1]), 0.0, _unit(robot.joint(joint))
-    for seconds in (*PARTS, _LONGEST):
+def _sweeps(robot: Robot, joint: int, speed: float) -> Iterator[Sweep]:
+    """Sweeps whose runs last neither too long nor too short."""
+    arm, longest, before = robot.joint(joint), PARTS[-1], 0.0
+    (low, high), middle, step = span(arm), float(home(robot)[joint - 1]), _unit(arm)
+    # A very slow joint takes too long over the least way and gets a shorter one.
+    least = min(LEAST_TURN if arm.is_revolute else LEAST_SLIDE, 0.7 * speed * longest)
+    for seconds in PARTS:
         # The way with its ramps, in whole degrees or millimetres.
         way = max(speed * seconds, least) + speed**2 / max(float(accelerations(robot)[joint - 1]), 1e-9)
         way = math.ceil(way / step - 1e-9) * step if way >= 4 * step else way
@@ -158,41 +132,28 @@ def _sweeps(robot: Robot, joint: int, speed: float, *, least: float) -> Iterator
         up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
         for end in (middle + up, middle - down):
             cruising = cruise(robot, Motion(joint, (0.0,) * robot.n_joints, middle, end, speed))[1]
-            if 0.99 * min(PARTS[0], seconds) <= cruising <= 1.01 * max(_LONGEST, seconds):
+            if 0.99 * PARTS[0] <= cruising <= 1.01 * longest:
                 yield Sweep(joint, (middle, end, middle), speed)
-    if (high - low) / speed <= _LONGEST:
-        yield from (_tour(joint, stops, speed) for stops in ((middle, high, low, middle), (middle, low, high, middle)))
+    if (high - low) / speed <= longest:
+        yield Sweep(joint, _passed(middle, high, low, middle), speed)
+        yield Sweep(joint, _passed(middle, low, high, middle), speed)
 
 
-def _tour(joint: int, stops: tuple[float, ...], speed: float) -> Sweep:
-    """A sweep without stops where the joint stands already."""
-    passed = [stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9]
-    return Sweep(joint, tuple(passed), speed)
-
-
-def seconds_of(robot: Robot, sweep: Sweep) -> float:
-    """s that a sweep takes, rests included."""
-    return duration(robot, Plan(robot.name, Block((0.0,) * robot.n_joints, (sweep,)).motions))
+def _passed(*stops: float) -> tuple[float, ...]:
+    """Stops without those where the joint stands already."""
+    return tuple(stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9)
 
 
 def postures(robot: Robot, joint: int, *, varied: Sequence[int], count: int, rng: np.random.Generator) -> Floats:
-    """(K, J) postures, rad or m, in which one joint may run, without repeats.
+    """(K, J) postures, rad or m, in which one joint may run: home and `count` random ones, without repeats.
 
-    Home, single joints of `varied` (from 1) turned by a quarter, and `count` random ones; other joints stay at home.
+    Only the joints `varied` (from 1) differ from home.
     """
-    middle = home(robot)
-    grids = {number: _grid(robot.joint(number), float(middle[number - 1])) for number in varied}
-    table = [middle.copy()]
-    for number, grid in grids.items():
-        for wanted in (-0.5 * np.pi, 0.5 * np.pi):
-            table.append(middle.copy())
-            table[-1][number - 1] = grid[np.argmin(np.abs(grid - middle[number - 1] - wanted))]
-    for _ in range(count):
-        table.append(middle.copy())
-        for number, grid in grids.items():
-            table[-1][number - 1] = rng.choice(grid)
-    holds = np.array(table)
-    holds[:, joint - 1] = middle[joint - 1]
+    holds = np.tile(home(robot), (count + 1, 1))
+    for number in varied:
+        if number != joint:
+            grid = _grid(robot.joint(number), holds[0, number - 1])
+            holds[1:, number - 1] = rng.choice(grid, count)
     _, first = np.unique(np.round(holds, 9), axis=0, return_index=True)
     return holds[np.sort(first)]
 
@@ -206,24 +167,17 @@ def _grid(joint: Joint, middle: float) -> Floats:
     return np.asarray(steps if len(steps) >= 5 else np.linspace(low, high, 5), dtype=float)
 
 
-def usable(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> Bools:
-    """(K, C) which of C sweeps of one joint are free of collisions in which of K postures (K, J)."""
-    out = np.ones((len(holds), len(ways)), dtype=bool)
-    if collision.is_free:
-        return out
-    joint, ranges = ways[0].joint - 1, sorted({(sweep.low, sweep.high) for sweep in ways})
-    widest = min(low for low, _ in ranges), max(high for _, high in ranges)
-    for k, hold in enumerate(holds):
-        if collision.first_hit(*_ends(hold, joint, widest)) is None:
-            continue
+def free_blocks(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> list[Block]:
+    """A block of each sweep of one joint in each posture (K, J) in which it is free of collisions."""
+    out, moving = [], np.arange(holds.shape[1]) == ways[0].joint - 1
+    ranges = {(way.low, way.high) for way in ways}
+    ranges.add((min(low for low, _ in ranges), max(high for _, high in ranges)))
+    widest_first = sorted(ranges, key=lambda ends: (ends[0] - ends[1], ends))
+    for hold in holds:
         # From one sweep to another the joint passes what lies between: only ways within the widest free one are used.
-        free = [way for way in ranges if collision.first_hit(*_ends(hold, joint, way)) is None]
-        low, high = max(free, key=lambda way: way[1] - way[0], default=(1.0, 0.0))
-        out[k] = [low <= sweep.low and sweep.high <= high for sweep in ways]
+        for low, high in widest_first:
+            if collision.first_hit(np.where(moving, low, hold), np.where(moving, high, hold)) is None:
+                place = tuple(hold.tolist())
+                out += [Block(place, (way,)) for way in ways if low <= way.low and way.high <= high]
+                break
     return out
-
-
-def _ends(hold: Floats, joint: int, way: tuple[float, float]) -> tuple[Floats, Floats]:
-    """(J,) each: a posture with one joint (from 0) at either end of a way."""
-    moved = np.arange(len(hold)) == joint
-    return np.where(moved, way[0], hold), np.where(moved, way[1], hold)

@@ -11,17 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from pumaid.dataset import Campaign
-from pumaid.design.candidate_runs import (
-    Block,
-    JointCandidates,
-    Sweep,
-    home,
-    postures,
-    speeds,
-    sweeps,
-    top_speed,
-    usable,
-)
+from pumaid.design.candidate_runs import Block, Sweep, free_blocks, home, postures, speeds, sweeps, top_speed
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import Exchange
 from pumaid.effect_spec import EffectTerm, columns_each
@@ -346,10 +336,8 @@ def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]
     drawn[:, still] = held[0, still]
     holds = np.vstack([held, drawn])
     holds[:, joint - 1] = home(robot)[joint - 1]
-    table = JointCandidates(joint, holds, ways, usable(Collision(robot), holds, ways))
     been = {tuple(hold) for hold in holds[: len(held)].tolist()}
-    tried = [table.candidate(k, c) for k, c in np.argwhere(table.usable).tolist()]
-    return tried, {tuple(hold) for hold in holds.tolist()} - been
+    return free_blocks(Collision(robot), holds, ways), {tuple(hold) for hold in holds.tolist()} - been
 
 
 def _wide_and_narrow(ways: Sequence[Sweep]) -> tuple[Sweep, ...]:

@@ -135,6 +135,26 @@ class Objective(Protocol):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class PlanObjective:
+    """The criterion of sets of candidate runs."""
+
+    candidates: CandidateInformation
+    criterion: Criterion
+
+    def value(self, counts: Counts) -> float:
+        """Of the criterion."""
+        return float(self.criterion.value(self.candidates.information(counts)))
+
+    def falls(self, counts: Counts) -> Floats:
+        """(C,) about how much the criterion falls by one more of each candidate."""
+        return 0.5 * self.candidates.products(self.criterion.slope(self.candidates.information(counts)))
+
+    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
+        """(N,) criterion with one more of each of N candidates."""
+        return self.criterion.value(self.candidates.information(counts) + self.candidates.each(candidates))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Exchange:
     """Greedy choice and exchange of candidates under a budget.
 

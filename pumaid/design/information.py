@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from pumaid.design.candidate_runs import Block, JointCandidates, seconds_of
+from pumaid.design.candidate_runs import Block
 from pumaid.effects import catalogue
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.structure import Structure
-from pumaid.trajectory import Motion, cruise
+from pumaid.trajectory import Motion, Plan, cruise, duration
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -25,7 +25,7 @@ RATE = 100.0
 #: Points at which a run's regressors are averaged over its span.
 _POINTS = 48
 #: Scaled information below this is rounding.
-_RIDGE, _BLIND = 1e-9, 1e-11
+_BLIND = 1e-11
 _FRICTION = (("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("viscous", "minus"))
 
 
@@ -86,139 +86,104 @@ def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names:
     return np.stack(parts, axis=2)
 
 
-def run_moments(span: tuple[float, float], seconds: float, noise: Noise, *, joint: int) -> Floats:
-    """(3, 3) information (1/A2) of a run on its cos q, sin q and constant parts.
+def run_moments(ends: Floats, seconds: Floats, noise: Noise, *, joint: int) -> Floats:
+    """(M, 3, 3) information (1/A2) of M runs on their cos q, sin q and constant parts.
 
-    Its speed is constant between two positions `span` (rad or m), for so many seconds. Samples are correlated (AR(1)),
-    and all samples of a run share a random level.
+    Their speed is constant between two positions `ends` (M, 2), rad or m, for so many seconds (M,). Samples are
+    correlated (AR(1)), and all samples of a run share a random level.
     """
-    q = np.linspace(*span, _POINTS)
-    parts = np.column_stack([np.cos(q), np.sin(q), np.ones(_POINTS)])
+    q = np.linspace(ends[:, 0], ends[:, 1], _POINTS, axis=1)
+    parts = np.stack([np.cos(q), np.sin(q), np.ones_like(q)], axis=2)
     phi = noise.correlation(RATE)
     slow = noise.sample_std[joint - 1] ** 2 * (1 + phi) / (1 - phi)
     level = noise.level_std[joint - 1] ** 2
-    samples = max(seconds * RATE, 1.0)
-    gram, total = samples * parts.T @ parts / _POINTS, samples * parts.mean(axis=0)
-    return np.asarray((gram - np.outer(total, total) * level / (slow + samples * level)) / slow)
+    samples = np.maximum(seconds * RATE, 1.0)[:, None, None]
+    gram, mean = parts.transpose(0, 2, 1) @ parts / _POINTS, parts.mean(axis=1)
+    shared = samples * level / (slow + samples * level)
+    return np.asarray(samples * (gram - shared * mean[:, :, None] * mean[:, None, :]) / slow)
 
 
-def run_information(motion: Motion, slopes: Floats, truths: Sequence[Truth]) -> Floats:
-    """(G, K, p + 4, p + 4) information of a run in the K postures of `slopes` on p parameters and its friction."""
-    robot, (*batch, p) = truths[0].robot, slopes.shape
-    span, seconds = cruise(robot, motion)
-    moments = np.stack([run_moments(span, seconds, truth.noise, joint=motion.joint) for truth in truths])
-    design = np.zeros((*batch, p + 4))
-    design[..., :p] = slopes
-    back = motion.end < motion.start
-    first = p + 2 * int(back)
-    design[..., 2, first : first + 2] = 1.0, -motion.velocity if back else motion.velocity
-    return np.asarray(np.swapaxes(design, -1, -2) @ moments[:, None] @ design)
-
-
-def _columns(joint: int, count: int) -> Counts:
-    """Places of the parameters of which a joint's runs tell: `count` gravity parameters and ratios, its friction."""
-    return np.append(np.arange(count), count + 4 * (joint - 1) + np.arange(4))
+def run_information(truths: Sequence[Truth], motions: Sequence[Motion], names: Sequence[str]) -> sparse.csr_array:
+    """(M, G p p) information of M runs, for G prior robots, on `names` and all friction (`parameter_names`)."""
+    robot, count = truths[0].robot, len(truths)
+    width = len(names) + 4 * robot.n_joints
+    parts, order = [sparse.csr_array((0, count * width**2))], list[int]()
+    for joint in sorted({motion.joint for motion in motions}):
+        rows = [k for k, motion in enumerate(motions) if motion.joint == joint]
+        holds, posture = np.unique([motions[k].hold for k in rows], axis=0, return_inverse=True)
+        ways = {(m.start, m.end, m.velocity): cruise(robot, m) for m in (motions[k] for k in rows)}
+        way = {key: number for number, key in enumerate(ways)}
+        number = np.array([way[motions[k].start, motions[k].end, motions[k].velocity] for k in rows])
+        ends, seconds = (np.array(part) for part in zip(*ways.values(), strict=True))
+        moments = np.stack([run_moments(ends, seconds, truth.noise, joint=joint) for truth in truths])
+        slopes = gravity_slopes(truths, joint=joint, holds=holds, names=names)[:, posture]
+        signed = np.array([np.sign(motions[k].end - motions[k].start) * motions[k].velocity for k in rows])
+        sides = np.column_stack([signed > 0, np.maximum(signed, 0.0), signed < 0, np.minimum(signed, 0.0)])
+        friction = np.zeros((count, len(rows), 3, 4))
+        friction[..., 2, :] = sides
+        design = np.concatenate([slopes, friction], axis=-1)
+        squares = np.swapaxes(design, -1, -2) @ moments[:, number] @ design
+        columns = np.append(np.arange(len(names)), len(names) + 4 * (joint - 1) + np.arange(4))
+        places = (width**2 * np.arange(count)[:, None, None] + width * columns[:, None] + columns).ravel()
+        index = np.tile(places, len(rows)), len(places) * np.arange(len(rows) + 1)
+        shape = (len(rows), count * width**2)
+        parts.append(sparse.csr_array((np.swapaxes(squares, 0, 1).ravel(), *index), shape=shape))
+        order += rows
+    return sparse.csr_array(sparse.vstack(parts, format="csr")[np.argsort(order)])
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateInformation:
-    """L candidates, joint by joint: a sweep in a posture each, and what it tells."""
+    """L candidates, and what they tell G prior robots of p parameters."""
 
-    joints: tuple[JointCandidates, ...]  # postures and sweeps of every joint
-    joint: Counts  # (L,) from 1, rising
-    hold: Counts  # (L,) which of its joint's postures
-    sweep: Counts  # (L,) which of its joint's sweeps
+    blocks: tuple[Block, ...]  # (L,) a sweep in a posture each
+    posture: Counts  # (L,) number of the joint's posture, from 0
     seconds: Floats  # (L,) s, rests included
-    squares: Floats  # (G, L, q q) information of G robots on gravity, ratios and the joint's friction
+    squares: sparse.csr_array  # (L, G p p) information
     names: tuple[str, ...]  # (p,) gravity parameters and ratios, then friction
 
     def __len__(self) -> int:
-        return len(self.joint)
+        return len(self.blocks)
 
-    def _parts(self) -> Iterator[tuple[slice, Counts]]:
-        """Candidates of each joint, and which of `names` they tell of."""
-        bounds = np.searchsorted(self.joint, np.arange(1, len(self.joints) + 2))
-        for joint, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-            yield slice(first, end), _columns(joint, len(self.names) - 4 * len(self.joints))
-
-    def information(self, counts: Floats) -> Floats:
+    def information(self, counts: Floats | Counts) -> Floats:
         """(G, p, p) of all candidates, each made `counts` (L,) times."""
-        out = np.zeros((len(self.squares), len(self.names), len(self.names)))
-        for rows, columns in self._parts():
-            used = rows.start + np.flatnonzero(counts[rows])
-            total = counts[used] @ self.squares[:, used]
-            out[:, columns[:, None], columns] += total.reshape(-1, len(columns), len(columns))
-        return out
+        return np.asarray(counts @ self.squares).reshape(-1, len(self.names), len(self.names))
 
-    def each(self, candidates: Sequence[int]) -> Floats:
+    def each(self, candidates: Counts) -> Floats:
         """(N, G, p, p) information of N candidates."""
-        out = np.zeros((len(candidates), len(self.squares), len(self.names), len(self.names)))
-        parts = list(self._parts())
-        for k, candidate in enumerate(candidates):
-            _, columns = parts[int(self.joint[candidate]) - 1]
-            square = self.squares[:, candidate]
-            out[k][:, columns[:, None], columns] = square.reshape(-1, len(columns), len(columns))
-        return out
+        return self.squares[candidates].toarray().reshape(len(candidates), -1, len(self.names), len(self.names))
 
     def products(self, slope: Floats) -> Floats:
         """(L,) trace of slope times information of each candidate, summed over the robots (G, p, p)."""
-        out = np.empty(len(self))
-        for rows, columns in self._parts():
-            part = slope[:, columns[:, None], columns].reshape(len(slope), -1, 1)
-            out[rows] = (self.squares[:, rows] @ part).sum(axis=0)[:, 0]
-        return out
+        return np.asarray(self.squares @ slope.ravel())
 
     def only(self, candidates: Counts) -> CandidateInformation:
-        """These candidates, rising."""
-        index = {name: getattr(self, name)[candidates] for name in ("joint", "hold", "sweep", "seconds")}
-        return replace(self, squares=self.squares[:, candidates], **index)
-
-    def candidate(self, number: int) -> Block:
-        """A candidate by its number (from 0)."""
-        return self.joints[int(self.joint[number]) - 1].candidate(int(self.hold[number]), int(self.sweep[number]))
-
-    def find(self, joint: int, hold: int, sweep: int) -> int | None:
-        """The candidate of a joint (from 1), posture and sweep; None where it is not usable."""
-        at = np.flatnonzero((self.joint == joint) & (self.hold == hold) & (self.sweep == sweep))
-        return int(at[0]) if len(at) else None
+        """These candidates."""
+        blocks = tuple(self.blocks[k] for k in candidates.tolist())
+        posture, seconds = self.posture[candidates], self.seconds[candidates]
+        return replace(self, blocks=blocks, posture=posture, seconds=seconds, squares=self.squares[candidates])
 
 
 def candidate_information(
-    truths: Sequence[Truth], joints: Sequence[JointCandidates], *, names: Sequence[str]
+    truths: Sequence[Truth], blocks: Sequence[Block], *, names: Sequence[str]
 ) -> CandidateInformation:
-    """The information of all usable candidates for G prior robots on the gravity parameters and ratios `names`."""
-    robot, index, seconds, squares = truths[0].robot, [], [], []
-    for part in joints:
-        where = np.argwhere(part.usable)
-        index.append(np.column_stack([np.full(len(where), part.joint), where]))
-        lasting = np.array([seconds_of(robot, sweep) for sweep in part.sweeps])
-        seconds.append(lasting[where[:, 1]])
-        slopes = gravity_slopes(truths, joint=part.joint, holds=part.holds, names=names)
-        width = slopes.shape[-1] + 4
-        table = np.zeros((len(truths), len(part.holds), len(part.sweeps), width, width))
-        for k in range(len(part.sweeps)):
-            for motion in part.candidate(0, k).motions:
-                table[:, :, k] += run_information(motion, slopes, truths)
-        squares.append(table[:, where[:, 0], where[:, 1]].reshape(len(truths), len(where), width**2))
-    joint, hold, sweep = np.concatenate(index).T
-    parameters = parameter_names(robot, names)
+    """What candidates tell G prior robots of the gravity parameters and ratios `names`, and of all friction."""
+    robot = truths[0].robot
+    standing = (0.0,) * robot.n_joints
+    ways = {block.sweeps for block in blocks}
+    lasting = {part: duration(robot, Plan(robot.name, Block(standing, part).motions)) for part in ways}
+    runs = [block.motions for block in blocks]
+    owner = np.repeat(np.arange(len(blocks)), [len(part) for part in runs])
+    squares = run_information(truths, [motion for part in runs for motion in part], names)
+    summed = sparse.csr_array((np.ones(len(owner)), (owner, np.arange(len(owner)))), shape=(len(blocks), len(owner)))
+    numbers = {place: k for k, place in enumerate(dict.fromkeys((block.joint, block.hold) for block in blocks))}
     return CandidateInformation(
-        tuple(joints), joint, hold, sweep, np.concatenate(seconds), np.concatenate(squares, axis=1), parameters
+        tuple(blocks),
+        np.array([numbers[block.joint, block.hold] for block in blocks]),
+        np.array([lasting[block.sweeps] for block in blocks]),
+        sparse.csr_array(summed @ squares),
+        parameter_names(robot, names),
     )
-
-
-def plan_information(truths: Sequence[Truth], motions: Iterable[Motion], *, names: Sequence[str]) -> Floats:
-    """(G, p, p) information, for G prior robots, of the runs that are to be fitted; of `names` and all friction."""
-    robot, fitted = truths[0].robot, [motion for motion in motions if motion.purpose == "fit"]
-    out = np.zeros((len(truths), *[len(parameter_names(robot, names))] * 2))
-    for joint in sorted({motion.joint for motion in fitted}):
-        runs = [motion for motion in fitted if motion.joint == joint]
-        holds, which = np.unique([motion.hold for motion in runs], axis=0, return_inverse=True)
-        slopes = gravity_slopes(truths, joint=joint, holds=holds, names=names)
-        columns = _columns(joint, len(names))
-        for motion, hold in zip(runs, which, strict=True):
-            out[:, columns[:, None], columns] += run_information(motion, slopes[:, [hold]], truths)[:, 0]
-    return out
 
 
 def standard_errors(names: Sequence[str], information: Floats) -> dict[str, float]:
@@ -235,8 +200,13 @@ def standard_errors(names: Sequence[str], information: Floats) -> dict[str, floa
 
 
 def predicted_errors(truths: Sequence[Truth], motions: Sequence[Motion], names: Sequence[str]) -> dict[str, float]:
-    """Name -> predicted standard error: the median over prior robots; parameters that any of them hides are out."""
+    """Name -> predicted standard error: the median over prior robots; parameters that any of them hides are out.
+
+    Runs that are kept for judging promise nothing.
+    """
     whole = parameter_names(truths[0].robot, names)
-    tables = [standard_errors(whole, part) for part in plan_information(truths, motions, names=names)]
+    fitted = run_information(truths, [motion for motion in motions if motion.purpose == "fit"], names)
+    information = np.asarray(fitted.sum(axis=0)).reshape(len(truths), len(whole), len(whole))
+    tables = [standard_errors(whole, part) for part in information]
     shared = [name for name in tables[0] if all(name in table for table in tables)]
     return {name: float(np.median([table[name] for table in tables])) for name in shared}

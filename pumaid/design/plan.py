@@ -4,36 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import POWERS
-from pumaid.design.information import (
-    RATE,
-    absent_names,
-    existing_names,
-    gravity_slopes,
-    parameter_names,
-    predicted_errors,
-)
-from pumaid.design.planner import POSTURES, SPEEDS, Made, Planner, Request
-from pumaid.design.prior import Prior, Setup, prior_robots
-from pumaid.errors import Faults, ModelError, Note, PumaidError, Where
+from pumaid.design.information import RATE, absent_names, parameter_names, predicted_errors
+from pumaid.design.planner import POSTURES, SPEEDS, Planner, Request
+from pumaid.design.prior import Prior, Setup
+from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
 from pumaid.preprocessing.options import DEFAULTS
 from pumaid.robot import Robot
-from pumaid.structure import Structure, minimal
-from pumaid.trajectory import Plan, Posture, duration, highest_speeds, span, trapezoids
+from pumaid.trajectory import Plan, duration, highest_speeds, span, trapezoids
 from pumaid.units import factor, number
 
 #: Minutes of a plan, and postures a joint or passes, at most.
 _LONGEST, _MOST = 1440.0, 200
-#: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost.
-_SERVES, _LOST = 1.15, 1e3
-#: Parameters that are named of a posture, at most.
-_NAMED = 3
 #: A standard error above this share of a ratio leaves it unknown.
 _WEAK = 0.5
 #: m off its axis at which a payload is suggested, and kg m that it has at least.
@@ -82,14 +69,11 @@ def plan(
     'joint 1 (waist) turn'
     """
     _check(minutes, speeds, {"postures": postures_per_joint, "replicates": replicates}, criterion)
-    case = _case(robot, prior, setup, seed)
     seconds, shares = None if minutes is None else 60.0 * minutes, None if speeds is None else tuple(speeds)
     request = Request(seconds, shares, postures_per_joint, replicates, criterion)
-    planner = Planner(case.prior, case.names, request=request, seed=seed, tell=tell)
-    made = planner.made()
-    reasons = posture_reasons(planner, made)
-    bare = Plan(robot.name, made.motions, reasons, seed=seed, efficiency=made.efficiency)
-    return _with_forecast(bare, case, notes=tight_notes(made, postures_per_joint))
+    planner = Planner(robot, request, estimate=prior, setup=setup or Setup(), seed=seed, tell=tell)
+    made = planner.plan()
+    return _with_forecast(made, planner, lack_notes(planner.robot, made))
 
 
 def check_plan(
@@ -105,47 +89,27 @@ def check_plan(
 
     Other parameters are those of `plan`.
     """
-    case = _case(robot, prior, setup, seed)
-    checked = _with_forecast(given, case, notes=[*collision_notes(case.arm, given), *lack_notes(case.arm, given)])
-    tell("comparing with the best conceivable experiment")
-    planner = Planner(case.prior, case.names, request=Request(checked.duration), seed=seed, tell=lambda _: None)
-    notes, absent = checked.notes, absent_names(case.structure)
+    request = Request(duration(robot, given))
+    planner = Planner(robot, request, estimate=prior, setup=setup or Setup(), seed=seed, tell=tell)
+    checked = _with_forecast(given, planner, [*collision_notes(planner.robot, given), *lack_notes(robot, given)])
+    notes, absent = checked.notes, absent_names(planner.structure)
     if dark := [name for name in checked.unseen if name not in absent]:
         mend = "add postures in which the outer links' load differs, or other speeds; compare with: pumaid plan"
         notes = (*notes, Note("plan-dark", f"no run of this plan shows {', '.join(dark)}; {mend}"))
     return replace(checked, efficiency=planner.efficiency(checked.expected, checked.duration), notes=notes)
 
 
-class _Case(NamedTuple):
-    """An arm as it stands, what it can show, and the robots that it may be."""
-
-    arm: Robot
-    structure: Structure
-    prior: Prior
-    names: tuple[str, ...]
-    setup: Setup
-
-
-def _case(robot: Robot, estimate: Estimate | None, setup: Setup | None, seed: int) -> _Case:
-    setup = setup or Setup()
-    arm = setup.robot(robot)
-    structure = minimal(arm)
-    prior = prior_robots(arm, estimate=estimate, setup=setup, seed=seed)
-    return _Case(arm, structure, prior, existing_names(arm, structure), setup)
-
-
-def _with_forecast(bare: Plan, case: _Case, *, notes: Sequence[Note]) -> Plan:
+def _with_forecast(bare: Plan, planner: Planner, notes: Sequence[Note]) -> Plan:
     """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
-    promised, arm = predicted_errors(case.prior.robots, bare.motions, case.names), case.arm
-    dark = [name for name in parameter_names(arm, case.names) if name not in promised]
-    further = [*unusable_notes(arm, bare), *weight_notes(case.prior, promised), *tilt_notes(arm, case.structure)]
+    promised, arm = predicted_errors(planner.truths, bare.motions, planner.names), planner.robot
+    dark = [name for name in parameter_names(arm, planner.names) if name not in promised]
     return replace(
         bare,
         expected=promised,
-        unseen={**absent_names(case.structure), **dict.fromkeys(dark, "no run of this plan shows it")},
+        unseen={**absent_names(planner.structure), **dict.fromkeys(dark, "no run of this plan shows it")},
         duration=duration(arm, bare),
-        assumptions=(*case.setup.sentences(), *case.prior.sentences, *conditions(arm)),
-        notes=(*notes, *further),
+        assumptions=(*planner.setup.sentences(), *planner.prior.sentences, *conditions(arm)),
+        notes=(*notes, *unusable_notes(arm, bare), *weight_notes(planner.prior, promised), *tilt_notes(planner)),
     )
 
 
@@ -168,59 +132,7 @@ def _check(
             faults.append((f"{count} {what} are out of range", f"give 1 to {_MOST}"))
     if criterion not in POWERS:
         faults.append((f"{criterion!r} is no criterion", f"known: {', '.join(POWERS)}"))
-    errors: list[PumaidError] = [ModelError("plan-impossible", what, mend=mend) for what, mend in faults]
-    if errors:
-        raise errors[0] if len(errors) == 1 else Faults(errors)
-
-
-def posture_reasons(planner: Planner, made: Made) -> tuple[Posture, ...]:
-    """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
-    candidates, out, objective = made.objective.candidates, list[Posture](), made.objective
-    counts = made.counts.reshape(len(objective.times), -1)
-    before = planner.criterion.errors(objective.information(made.counts))
-    for joint, table in zip(planner.robot.joints, candidates.joints, strict=True):
-        label = f"joint {joint.number} ({joint.name})"
-        slopes = gravity_slopes(planner.truths, joint=joint.number, holds=table.holds, names=planner.names)
-        carries = bool(np.any(np.abs(slopes) > 1e-9))
-        rows = candidates.joint == joint.number
-        for hold in np.unique(candidates.hold[rows & counts.any(axis=0)]).tolist():
-            rest = np.where(rows & (candidates.hold == hold), 0, counts).ravel()
-            growth = np.median(planner.criterion.errors(objective.information(rest)) / before, axis=0)
-            rises = dict(zip(candidates.names[: len(planner.names)], growth.tolist(), strict=False))
-            serves = sorted((n for n in rises if rises[n] >= _SERVES), key=lambda n: (-round(rises[n], 6), n))[:_NAMED]
-            why = f"{label} carries no weight that can be told from friction: its runs are for friction"
-            if carries:
-                why = _loss({name: rises[name] for name in serves})
-            out.append(Posture(joint.number, tuple(table.holds[hold].tolist()), tuple(serves), why))
-        why = f"{label} is judged here, at speeds that no fit uses"
-        out.append(Posture(joint.number, tuple(made.judged[joint.number - 1].tolist()), (), why))
-    return tuple(out)
-
-
-def _loss(rises: dict[str, float]) -> str:
-    """Which parameters would be lost without a posture, and by which factor the error of others would grow."""
-    parts = []
-    if lost := [name for name, growth in rises.items() if growth >= _LOST]:
-        parts.append(f"without it {', '.join(lost)} could not be identified")
-    if worse := [f"{name} {growth:.2g} times" for name, growth in rises.items() if growth < _LOST]:
-        parts.append(f"without it the error of {', '.join(worse)} as large")
-    return "; ".join(parts) or "adds a load that differs from that of the other postures"
-
-
-def tight_notes(made: Made, asked: int | None) -> list[Note]:
-    """What had to be given up: replicates, postures."""
-    short = []
-    if made.coverage.passes < 2:
-        short.append("no run is made twice, so nothing separates noise from what a model misses")
-    if made.coverage.postures < min(POSTURES, asked or POSTURES):
-        short.append(f"joints run in {made.coverage.postures} postures only")
-    fitted = [motion for motion in made.motions if motion.purpose == "fit"]
-    counts = {joint: len({m.hold for m in fitted if m.joint == joint}) for joint in {m.joint for m in fitted}}
-    if few := [f"joint {joint} in {count}" for joint, count in counts.items() if count < (asked or 0)]:
-        short.append(f"fewer than {asked} postures differ and are free: {', '.join(few)}")
-    if not short:
-        return []
-    return [Note("plan-tight", f"the plan is thin: {'; '.join(short)}; more time (--minutes) or range helps")]
+    refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 
 def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
@@ -230,28 +142,28 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
     name = f"gain_ratio.{n - 1}.{n}"
     if name not in promised or not truth.robot.joint(n).is_revolute:
         return []
-    hint = "A payload {:g} mm off the axis shows it: --payload {},{:g},0,0"
-    share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
-    if truth.given_constants is not None:
+    share, mass = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots]))), 0.5
+    what = f"cannot be identified with the weight that this arm has: its predicted error is {number(share, 2)} times"
+    text = f"{what} its value."
+    if truth.given_constants is None:
+        moments = [np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1]) for t in prior.robots]
+        least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
+        mass = least / _LEVER
         text = (
-            f"{name} cannot be identified with the weight that this arm has: its predicted error is"
-            f" {number(share, 2)} times its value. {hint.format(1e3 * _LEVER, 0.5, _LEVER)}"
+            f"is seen only if link {n} has about {number(least, 2)} kg m (mass times distance) or more off its axis;"
+            " a bare flange often has less."
         )
-        return [Note("plan-needs-weight", text, Where(joint=n))] if share >= _WEAK else []
-    moments = [np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1]) for t in prior.robots]
-    least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
-    text = (
-        f"{name} is seen only if link {n} has about {number(least, 2)} kg m (mass times distance) or more off its axis;"
-        f" a bare flange often has less. {hint.format(1e3 * _LEVER, number(least / _LEVER, 2), _LEVER)}"
-    )
-    return [Note("plan-needs-weight", text, Where(joint=n))]
+    elif share < _WEAK:
+        return []
+    hint = f"A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload {mass:.2g},{_LEVER:g},0,0"
+    return [Note("plan-needs-weight", f"{name} {text} {hint}", Where(joint=n))]
 
 
-def tilt_notes(robot: Robot, structure: Structure) -> list[Note]:
+def tilt_notes(planner: Planner) -> list[Note]:
     """That a tilted base would show what an upright one hides, where it would."""
-    first = next((joint for joint in robot.joints if joint.is_revolute), None)
-    hidden = absent_names(structure)
-    if first is None or not np.any(robot.gravity) or not any(f".l{first.number}." in name for name in hidden):
+    first = next((joint for joint in planner.robot.joints if joint.is_revolute), None)
+    hidden = absent_names(planner.structure)
+    if first is None or not np.any(planner.robot.gravity) or not any(f".l{first.number}." in name for name in hidden):
         return []
     text = (
         f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical. With"
@@ -267,14 +179,15 @@ def unusable_notes(robot: Robot, given: Plan) -> list[Note]:
         if abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed:
             lost.setdefault(motion.joint, []).append(place)
     out = []
-    for joint in (robot.joint(moving) for moving in sorted(lost)):
-        places, unit = lost[joint.number], "rad" if joint.is_revolute else "m"
+    for moving, places in sorted(lost.items()):
+        joint = robot.joint(moving)
+        unit = joint.position_unit
         text = (
-            f"{len(places)} run(s) of joint {joint.number} ({joint.name}) will not be found in the logs: a run must go"
+            f"{len(places)} run(s) of joint {moving} ({joint.name}) will not be found in the logs: a run must go"
             f" over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is"
             f" run {places[0]}. Give it more room (its limits in the recipe) or speed"
         )
-        out.append(Note("plan-unusable", text, Where(joint=joint.number, field=f"runs[{places[0]}]")))
+        out.append(Note("plan-unusable", text, Where(joint=moving, field=f"runs[{places[0]}]")))
     return out
 
 
@@ -282,12 +195,11 @@ def collision_notes(robot: Robot, given: Plan) -> list[Note]:
     """Runs, and moves between them, that strike something."""
     collision, out = Collision(robot), list[Note]()
     for step in trapezoids(robot, given):
-        if (hit := collision.first_hit(step.start, step.end)) is None:
-            continue
-        way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
-        text = f"{way} {step.number}: {collision.describe(hit)}"
-        joint = None if step.motion is None else step.motion.joint
-        out.append(Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]")))
+        if (hit := collision.first_hit(step.start, step.end)) is not None:
+            way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
+            joint = None if step.motion is None else step.motion.joint
+            text = f"{way} {step.number}: {collision.describe(hit)}"
+            out.append(Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]")))
     return out
 
 
@@ -323,12 +235,11 @@ def conditions(robot: Robot) -> list[str]:
             "The recipe states no boxes and no spheres (block safety): collisions are not checked. Look at each posture"
             " before it is run."
         )
-    for joint in robot.joints:
-        unit = "deg" if joint.is_revolute else "m"
+    for joint, top in zip(robot.joints, highest_speeds(robot), strict=True):
+        unit, label = "deg" if joint.is_revolute else "m", f"Joint {joint.number} ({joint.name}) states no"
         if joint.limits is None:
             low, high = (end / factor(unit) for end in span(joint))
-            out.append(f"Joint {joint.number} ({joint.name}) states no limits: {low:.4g}..{high:.4g} {unit} taken.")
+            out.append(f"{label} limits: {low:.4g}..{high:.4g} {unit} taken.")
         if joint.max_velocity is None:
-            top = highest_speeds(robot)[joint.number - 1] / factor(unit)
-            out.append(f"Joint {joint.number} ({joint.name}) states no max_velocity: {top:.3g} {unit}/s taken.")
+            out.append(f"{label} max_velocity: {top / factor(unit):.3g} {unit}/s taken.")
     return out

@@ -13,26 +13,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.design.candidate_runs import (
-    SHARES,
-    Block,
-    JointCandidates,
-    Sweep,
-    home,
-    postures,
-    seconds_of,
-    speeds,
-    sweeps,
-    usable,
-)
+from pumaid.design.candidate_runs import SHARES, Block, Sweep, free_blocks, home, postures, speeds, sweeps
 from pumaid.design.collision import Collision
-from pumaid.design.exchange import POWERS, ContinuousDesign, Criterion, Exchange, continuous_design, rounded
-from pumaid.design.information import CandidateInformation, candidate_information, gravity_slopes
-from pumaid.design.prior import Prior
+from pumaid.design.exchange import (
+    POWERS,
+    ContinuousDesign,
+    Criterion,
+    Exchange,
+    PlanObjective,
+    continuous_design,
+    rounded,
+)
+from pumaid.design.information import CandidateInformation, candidate_information, existing_names, gravity_slopes
+from pumaid.design.prior import Setup, prior_robots
 from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
+from pumaid.estimate import Estimate
 from pumaid.robot import Robot
-from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Motion, Plan, duration, highest_speeds
+from pumaid.structure import minimal
+from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Plan, Posture, duration, highest_speeds
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -44,20 +43,23 @@ SPEEDS = 4
 POSTURES = 4
 #: s a joint that a pass takes about: longer budgets are filled with more passes, up to so many.
 _PASS, _MOST_PASSES = 200.0, 20
-#: s a joint where no time is given.
-_USUAL = 210.0
+#: s a joint where no time is given, and s of a run over part of the range in a coverage.
+_USUAL, _PART = 210.0, 0.8
 #: s between blocks, as a share of the way from home.
 _OPENING = 0.8
 #: Share of the best candidate's worth a second below which candidates are not looked at.
 _WORTH = 0.6
 #: Rounds of fitting a plan into its time, and the share of the time that is enough.
 _FITTINGS, _FULL = 5, 0.98
-#: Share of the continuous optimum's information on top of which postures of the coverage are compared.
+#: Share of an even plan's information on top of which postures of the coverage are compared.
 _BACKGROUND = 0.5
 #: Random postures a joint, of a joint whose runs no posture changes, and how many remain after the first look.
-_DRAWN, _DRAWN_IDLE, _SHORTLIST = 120, 12, 14
+_DRAWN, _DRAWN_IDLE, _SHORTLIST = 120, 12, 15
 #: Shares of the top speed of the first look, its steps, and its time a joint (s).
 _LOOK, _LOOK_STEPS, _LOOK_SECONDS = (0.05, 1.0), 40, 120.0
+#: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost. Parameters
+#: that are named of a posture, at most.
+_SERVES, _LOST, _NAMED = 1.15, 1e3, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,98 +79,64 @@ class Coverage:
 
     postures: int
     whole: int  # postures with a run over the whole range at top speed, in every pass; others come in every second
-    part: float  # s of a run over part of the range
-    judged: int  # sweeps a joint that are kept for judging
     share: float  # of the time, that it may take
-    middle: bool = False  # whether the first posture gets a middle speed beside the slow one
     passes: int = 2  # how often the arm is gone through
 
     @property
-    def times(self) -> tuple[int, ...]:
-        """How often each of the two alternating kinds of pass is made."""
-        return (1,) if self.passes == 1 else ((self.passes + 1) // 2, self.passes // 2)
+    def rounds(self) -> float:
+        """How often a candidate is made that is counted once: in every second pass where there are several."""
+        return max(1.0, 0.5 * self.passes)
 
 
 #: The most first.
-COVERAGES = (
-    Coverage(4, 4, 2.0, 2, 0.4, middle=True),
-    Coverage(4, 2, 0.8, 2, 0.45, middle=True),
-    Coverage(4, 1, 0.8, 1, 0.6, middle=True),
-    Coverage(4, 1, 0.8, 1, 0.9),
-    Coverage(3, 1, 0.8, 1, 0.9),
-    Coverage(2, 1, 0.8, 1, 0.9),
-)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class PlanObjective:
-    """The criterion of a plan whose passes are of K kinds: candidate l in passes of kind k is number ``k L + l``.
-
-    `times` says how often each kind of pass is made.
-    """
-
-    candidates: CandidateInformation
-    criterion: Criterion
-    times: tuple[int, ...]
-
-    def information(self, counts: Counts) -> Floats:
-        """(G, p, p) of all passes."""
-        return self.candidates.information(np.asarray(self.times, dtype=float) @ counts.reshape(len(self.times), -1))
-
-    def value(self, counts: Counts) -> float:
-        """Of the criterion."""
-        return float(self.criterion.value(self.information(counts)))
-
-    def falls(self, counts: Counts) -> Floats:
-        """(K L,) about how much the criterion falls by one more of each candidate."""
-        products = self.candidates.products(self.criterion.slope(self.information(counts)))
-        return 0.5 * np.concatenate([often * products for often in self.times])
-
-    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
-        """(N,) criterion with one more of each of N candidates."""
-        kind, number_in_pass = np.divmod(candidates, len(self.candidates))
-        added = np.asarray(self.times)[kind][:, None, None, None] * self.candidates.each(number_in_pass.tolist())
-        return self.criterion.value(self.information(counts) + added)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Made:
-    """A plan's motions in order, and what they were chosen by."""
-
-    motions: tuple[Motion, ...]
-    objective: PlanObjective
-    counts: Counts  # (K L,) how often each candidate is made in a pass of each kind
-    judged: Floats  # (J, J) the posture in which each joint is judged
-    coverage: Coverage
-    efficiency: float  # best conceivable error in the same time as a share of this plan's (0..1)
+COVERAGES = (Coverage(4, 4, 0.4), Coverage(4, 2, 0.4), Coverage(4, 1, 0.9), Coverage(3, 1, 0.9), Coverage(2, 1, 0.9))
 
 
 class Planner:
-    """Makes plans for one arm whose gravity parameters and ratios are `names`; the same seed makes the same plan."""
+    """Makes plans for one arm as it stands in its setup; the same seed makes the same plan.
+
+    `names` are the gravity parameters and ratios that the arm has, `truths` the robots that it may be.
+    """
 
     def __init__(
-        self, prior: Prior, names: Sequence[str], *, request: Request, seed: int, tell: Callable[[str], None]
+        self,
+        robot: Robot,
+        request: Request,
+        *,
+        estimate: Estimate | None,
+        setup: Setup,
+        seed: int,
+        tell: Callable[[str], None],
     ) -> None:
-        self.truths, self.names, self.request, self.seed, self.tell = prior.robots, names, request, seed, tell
-        self.robot: Robot = self.truths[0].robot
+        self.robot, self.request, self.setup, self.seed, self.tell = setup.robot(robot), request, setup, seed, tell
+        self.structure = minimal(self.robot)
+        self.prior = prior_robots(self.robot, estimate=estimate, setup=setup, seed=seed)
+        self.truths, self.names = self.prior.robots, existing_names(self.robot, self.structure)
         self.collision = Collision(self.robot)
         tell("choosing postures")
-        joints = self._shortlist(np.random.default_rng([seed, 3]), max(_SHORTLIST, request.postures or 0))
+        rng = np.random.default_rng([seed, 3])
         shares = sorted(request.shares or SHARES)
-        self.candidates = candidate_information(
-            self.truths, [self._candidates(joint.joint, joint.holds, shares) for joint in joints], names=names
-        )
         # Runs for judging have speeds that no fitted run has.
-        between = (math.sqrt(shares[-2] * shares[-1]), math.sqrt(shares[0] * shares[1]))
-        self.judging = [self._judging(joint.number, between) for joint in self.robot.joints]
-        self._away = self._opening_seconds()
-        sizes = prior.typical_sizes()
+        between = (math.sqrt(shares[0] * shares[1]), math.sqrt(shares[-2] * shares[-1]))
+        blocks, self.judging = list[Block](), list[Block]()
+        for joint, holds in self._shortlist(rng).items():
+            judged = self._blocks(joint, holds[:POSTURES:-1] if len(holds) > POSTURES + 1 else holds, between)
+            for chosen in judged[:1]:
+                ways = {block.sweeps[0].speed: block.sweeps[0] for block in judged[::-1] if block.hold == chosen.hold}
+                self.judging.append(Block(chosen.hold, tuple(ways.values()), "heldout"))
+                holds = holds[np.any(holds != chosen.hold, axis=1)] if len(holds) > POSTURES + 1 else holds
+            blocks += self._blocks(joint, holds, shares)
+        self.candidates = candidate_information(self.truths, blocks, names=self.names)
+        pace = MOVE_SHARE * highest_speeds(self.robot)
+        away = np.abs(np.array([block.hold for block in blocks]) - home(self.robot)) / pace
+        self._away = _OPENING * (np.max(away, axis=1) + RAMP_TIME)
+        sizes = self.prior.typical_sizes()
         self.sizes = np.array([sizes[name] for name in self.candidates.names])
         self.hopeless: tuple[str, ...] = ()
         self.criterion = Criterion(POWERS[request.criterion], self.sizes, np.ones(len(self.sizes), dtype=bool))
 
-    def made(self) -> Made:
-        """The plan that is asked for.
+    def plan(self) -> Plan:
+        """The plan that is asked for, without what it promises.
 
         Raises
         ------
@@ -179,24 +147,32 @@ class Planner:
         coverages, request = self._coverages(), self.request
         is_asked = request.postures is not None or request.passes is not None or request.shares is not None
         usual = coverages[0 if is_asked else 1]
-        budget = request.seconds or max(_USUAL * self.robot.n_joints, self._least_seconds(usual) / usual.share)
+        budget = request.seconds or max(
+            _USUAL * self.robot.n_joints, usual.rounds * self._seconds(self._cover(usual)) / usual.share
+        )
         optimum = self._optimum(budget)
-        fitting = (wanted for wanted in coverages if self._least_seconds(wanted) <= wanted.share * budget)
-        coverage = next(fitting, coverages[-1])
-        best: Made | None = None
+        for coverage in coverages:
+            required = self._cover(coverage)
+            needed = coverage.rounds * self._seconds(required)
+            if needed <= coverage.share * budget:
+                break
+        best: Plan | None = None
         allowed = budget
-        required = self._required(coverage, optimum)
         for _ in range(_FITTINGS):
             made = self._chosen(required, coverage, optimum, allowed=allowed)
-            lasting = duration(self.robot, Plan(self.robot.name, made.motions))
-            if lasting <= budget and (best is None or made.efficiency > best.efficiency):
+            if made.duration <= budget and (best is None or (made.efficiency or 0.0) > (best.efficiency or 0.0)):
                 best = made
-            if _FULL * budget <= lasting <= budget:
+            if _FULL * budget <= made.duration <= budget:
                 break
-            allowed += 0.99 * budget - lasting
-        if best is None:
-            raise self._too_short(budget, coverages[-1])
-        return best
+            allowed += 0.99 * budget - made.duration
+        if best is not None:
+            return best
+        raise ModelError(
+            "plan-too-short",
+            f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes about"
+            f" {math.ceil(needed / 6.0) / 10.0:g} minutes",
+            mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or fewer postures, replicates or faster speeds",
+        )
 
     def efficiency(self, promised: dict[str, float], seconds: float) -> float | None:
         """Best conceivable error in some s as a share of promised errors; None where a parameter is not shown."""
@@ -209,31 +185,38 @@ class Planner:
         errors = np.log([promised[name] for name in counted]) - np.log(self.sizes[self.criterion.counted])
         return float(np.exp(bound - errors.mean()))
 
-    def _shortlist(self, rng: np.random.Generator, count: int) -> list[JointCandidates]:
-        """For each joint the postures on which the continuous optimum, with few sweeps, would spend its time."""
-        joints = [self._all_postures(joint.number, rng) for joint in self.robot.joints]
-        table = candidate_information(self.truths, joints, names=self.names)
+    def _blocks(self, joint: int, holds: Floats, shares: Sequence[float]) -> list[Block]:
+        return free_blocks(self.collision, holds, sweeps(self.robot, joint, speeds(self.robot, joint, shares)))
+
+    def _shortlist(self, rng: np.random.Generator) -> dict[int, Floats]:
+        """Postures (K, J) by joint on which the continuous optimum, with few sweeps, would spend its time."""
+        blocks, joints = list[Block](), range(1, self.robot.n_joints + 1)
+        for joint in joints:
+            blocks += self._extremes(joint, rng)
+        table = candidate_information(self.truths, blocks, names=self.names)
         criterion = Criterion(0.0, np.ones(len(table.names)), np.ones(len(table.names), dtype=bool))
         optimum = continuous_design(table, criterion, _LOOK_SECONDS * self.robot.n_joints, steps=_LOOK_STEPS)
-        out = []
+        spent = rounded(np.bincount(table.posture, optimum.counts * table.seconds).astype(float))
+        _, first = np.unique(table.posture, return_index=True)
+        out = {}
         for joint in joints:
-            rows = table.joint == joint.joint
-            spent = np.bincount(table.hold[rows], (optimum.counts * table.seconds)[rows], minlength=len(joint.holds))
-            free = np.flatnonzero(joint.usable.any(axis=1))
-            order = free[np.argsort(-rounded(np.asarray(spent[free], dtype=float)), kind="stable")]
-            out.append(replace(joint, holds=joint.holds[order[:count]]))
+            places = [k for k, row in enumerate(first) if blocks[row].joint == joint]
+            places.sort(key=lambda place: -spent[place])
+            count = max(_SHORTLIST, (self.request.postures or 0) + 1)
+            out[joint] = np.array([blocks[first[place]].hold for place in places[:count]])
         return out
 
-    def _all_postures(self, joint: int, rng: np.random.Generator) -> JointCandidates:
-        """Many postures of a joint with its slowest part and its fastest tour."""
+    def _extremes(self, joint: int, rng: np.random.Generator) -> list[Block]:
+        """The slowest part and the fastest tour of a joint in many postures."""
         matter = self._that_matter(joint, rng)
-        rest = [number for number in range(1, self.robot.n_joints + 1) if number != joint]
-        holds = postures(self.robot, joint, varied=matter or rest, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
-        table = self._candidates(joint, holds, _LOOK, only_extremes=True)
-        if table.usable.any():
-            return table
+        varied = matter or list(range(1, self.robot.n_joints + 1))
+        holds = postures(self.robot, joint, varied=varied, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
+        ways = sweeps(self.robot, joint, speeds(self.robot, joint, _LOOK))
+        ways = tuple(dict.fromkeys((ways[0], ways[-1])))
+        if blocks := free_blocks(self.collision, holds, ways):
+            return blocks
         moving = np.arange(self.robot.n_joints) == joint - 1
-        start, end = (np.where(moving, place, holds[0]) for place in (table.sweeps[0].low, table.sweeps[0].high))
+        start, end = (np.where(moving, place, holds[0]) for place in (ways[0].low, ways[0].high))
         hit, name = self.collision.first_hit(start, end), self.robot.joint(joint).name
         why = "" if hit is None else f"; at home: {self.collision.describe(hit)}"
         raise ModelError(
@@ -253,24 +236,6 @@ class Planner:
         least = 1e-9 * np.max(np.abs(before), initial=1e-300)
         change = [np.max(np.abs(part - before), initial=0.0) for part in after]
         return [other for other in range(1, n + 1) if other != joint and change[other - 1] > least]
-
-    def _candidates(
-        self, joint: int, holds: Floats, shares: Sequence[float], *, only_extremes: bool = False
-    ) -> JointCandidates:
-        ways = sweeps(self.robot, joint, speeds(self.robot, joint, shares))
-        ways = tuple(dict.fromkeys((ways[0], ways[-1]))) if only_extremes else ways
-        return JointCandidates(joint, holds, ways, usable(self.collision, holds, ways))
-
-    def _judging(self, joint: int, shares: tuple[float, float]) -> tuple[Sweep, ...]:
-        """Two sweeps over parts of the range, at a fast and a slow speed."""
-        fast, slow = (sweeps(self.robot, joint, speeds(self.robot, joint, (share,))) for share in shares)
-        return fast[0], slow[min(1, len(slow) - 1)]
-
-    def _opening_seconds(self) -> Floats:
-        """(L,) s that it costs to go to the posture of each candidate, about."""
-        middle, pace, table = home(self.robot), MOVE_SHARE * highest_speeds(self.robot), self.candidates
-        away = [_OPENING * (np.max(np.abs(j.holds - middle) / pace, axis=1) + RAMP_TIME) for j in table.joints]
-        return np.array([away[j - 1][k] for j, k in zip(table.joint, table.hold, strict=True)])
 
     def _optimum(self, budget: float) -> ContinuousDesign:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
@@ -295,168 +260,122 @@ class Planner:
         out = [replace(item, postures=request.postures or item.postures, passes=passes) for item in COVERAGES]
         return out if request.passes else [*out, replace(out[-1], passes=1)]
 
-    def _least_seconds(self, coverage: Coverage) -> float:
-        """s that a coverage takes, about."""
-        required = self._required(coverage, None)
-        exchange = self._exchange(self.candidates, self._away, coverage.times, budget=math.inf)
-        return exchange.cost(required) + self._judging_seconds(coverage)
+    def _exchange(self, candidates: CandidateInformation, away: Floats, budget: float) -> Exchange:
+        objective = PlanObjective(candidates, self.criterion)
+        return Exchange(objective, candidates.seconds, candidates.posture, away, budget, limit=4)
 
-    def _required(self, coverage: Coverage, optimum: ContinuousDesign | None) -> Counts:
-        """(K L,) the coverage, its postures compared on top of the optimum's information or of an even plan's."""
-        usual = _USUAL * self.robot.n_joints
-        even = np.full(len(self.candidates), usual / float(np.sum(self.candidates.seconds)))
-        background = _BACKGROUND * self.candidates.information(even if optimum is None else optimum.counts)
+    def _seconds(self, counts: Counts) -> float:
+        """s of a round in which each candidate is made `counts` (L,) times, about, with the runs for judging."""
+        lasting = sum(duration(self.robot, Plan(self.robot.name, block.motions)) for block in self.judging)
+        away = float(np.mean(self._away)) * len(self.judging)
+        return self._exchange(self.candidates, self._away, math.inf).cost(counts) + lasting + away
+
+    def _cover(self, coverage: Coverage) -> Counts:
+        """(L,) how often each candidate is made in a round of a coverage, in the postures that tell most."""
+        table, usual = self.candidates, self.request.seconds or _USUAL * self.robot.n_joints
+        even = np.full(len(table), _BACKGROUND * usual / float(np.sum(table.seconds)))
+        information, counts = table.information(even), np.zeros(len(table), dtype=np.int64)
         # A share of the time is half that share of the criterion, a logarithm.
-        haste = 0.5 * coverage.passes / (self.request.seconds or usual)
-        return _cover(
-            self.candidates,
-            self.criterion,
-            coverage,
-            background=background,
-            opening=haste * self._away,
-            all_speeds=self.request.shares is not None,
-        )
+        opening = 0.5 * coverage.passes / usual * self._away
+        for joint in self.robot.joints:
+            places = {k: block.sweeps[0] for k, block in enumerate(table.blocks) if block.joint == joint.number}
+            posture = dict(zip(places, table.posture[list(places)].tolist(), strict=True))
+            free = dict.fromkeys(posture.values())
+            for place, ways in enumerate(self._covering(list(dict.fromkeys(places.values())), coverage)):
+                options = [[k for k, way in places.items() if posture[k] == at and way in ways] for at in free]
+                fullest = max((len(made) for made in options), default=0)
+                options = [made for made in options if made and len(made) == fullest]
+                if not options:
+                    break
+                gathered = coverage.passes * np.array([table.each(np.array(made)).sum(axis=0) for made in options])
+                values = self.criterion.value(information + gathered)
+                best = int(np.argmin(rounded(values + opening[[made[0] for made in options]])))
+                del free[posture[options[best][0]]]
+                counts[options[best]] += min(coverage.passes, 2) if place < coverage.whole else 1
+                information = information + gathered[best]
+        return counts
 
-    def _exchange(
-        self, candidates: CandidateInformation, away: Floats, times: Sequence[int], *, budget: float
-    ) -> Exchange:
-        often = np.asarray(times, dtype=float)[:, None]
-        _, block = np.unique(1000 * candidates.joint + candidates.hold, return_inverse=True)
-        blocks = np.concatenate([kind * (block.max() + 1) + block for kind in range(len(times))])
-        objective = PlanObjective(candidates, self.criterion, tuple(times))
-        return Exchange(objective, (often * candidates.seconds).ravel(), blocks, (often * away).ravel(), budget)
+    def _covering(self, ways: Sequence[Sweep], coverage: Coverage) -> list[list[Sweep]]:
+        """The sweeps of each posture of a joint: parts of the range at slower speeds, and tours at the highest."""
+        *rising, fast = sorted({sweep.speed for sweep in ways})
+        half = (len(rising) + 1) // 2
+        slower = [speed for k in range(half) for speed in rising[k::half]]  # so that a few of them lie far apart
+        count = math.ceil(((len(rising) + 1 if self.request.shares else SPEEDS) - 1) / coverage.postures)
+        fastest = [sweep for sweep in ways if sweep.speed == fast]
+        widest = max(round(sweep.high - sweep.low, 9) for sweep in fastest)
+        tours = [sweep for sweep in fastest if round(sweep.high - sweep.low, 9) == widest]
+        out = []
+        for place in range(coverage.postures):
+            chosen = list[Sweep]()
+            turns = range(place * count, (place + 1) * count) if slower else ()
+            for speed in dict.fromkeys(slower[turn % len(slower)] for turn in turns):
+                parts = [sweep for sweep in ways if sweep.speed == speed]
+                parts.sort(key=lambda sweep: round(abs((sweep.high - sweep.low) / sweep.speed - _PART), 6))
+                chosen.append(parts[:2][place % len(parts[:2])])  # above and below home in turns
+            if place < coverage.whole or not chosen:
+                chosen.append(tours[place % len(tours)])
+            out.append(chosen)
+        return out
 
-    def _chosen(self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float) -> Made:
+    def _chosen(self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float) -> Plan:
         """Runs chosen on top of the coverage for `allowed` s, in order."""
-        table = required.reshape(len(coverage.times), -1)
-        pool = np.flatnonzero((optimum.worth > _WORTH) | table.any(axis=0))
-        candidates = self.candidates.only(pool)
-        budget = allowed - self._judging_seconds(coverage)
-        exchange = self._exchange(candidates, self._away[pool], coverage.times, budget=budget)
-        least = table[:, pool].ravel()
+        passes, rounds = coverage.passes, coverage.rounds
+        pool = np.flatnonzero((optimum.worth > _WORTH) | (required > 0))
+        part = self.candidates.only(pool)
+        table = replace(part, seconds=rounds * part.seconds, squares=rounds * part.squares)
+        judging = self._seconds(np.zeros(len(self.candidates), dtype=np.int64))
+        exchange = self._exchange(table, 1.5 * rounds * self._away[pool], allowed - judging)
         counts = exchange.exchanged(
-            exchange.filled(least),
-            required=least,
+            exchange.filled(required[pool]),
+            required=required[pool],
             tell=lambda value: self.tell(f"exchanging runs: error {number(math.exp(value), 3)}"),
         )
-        objective = PlanObjective(candidates, self.criterion, coverage.times)
+        orders = []
+        for turn in range(passes):
+            judged = [block for k, block in enumerate(self.judging) if k % passes == turn]
+            blocks = [replace(block, sweeps=block.sweeps[: min(2, coverage.whole)]) for block in judged]
+            for posture in np.unique(table.posture[counts > 0]):
+                places = np.flatnonzero(table.posture == posture)
+                times = counts[places] if passes == 1 else (counts[places] + (turn + posture) % 2) // 2
+                if times.any():
+                    ways = tuple(table.blocks[k].sweeps[0] for k in np.repeat(places, times))
+                    blocks.append(Block(table.blocks[places[0]].hold, ways))
+            orders.append(blocks)
         rng = np.random.default_rng([self.seed, 4])
-        judged = self._judged(objective, counts, rng)
-        passes = []
-        for turn in range(coverage.passes):
-            blocks = _blocks(candidates, counts.reshape(len(coverage.times), -1)[turn % len(coverage.times)])
-            for joint, ways in enumerate(self.judging, start=1):
-                if joint % min(2, coverage.passes) == turn:
-                    blocks.append(Block(tuple(judged[joint - 1].tolist()), ways[: coverage.judged], "heldout"))
-            passes.append(blocks)
-        motions = schedule(self.robot, passes, collision=self.collision, rng=rng)
-        efficiency = math.exp(optimum.bound - objective.value(counts))
-        return Made(motions, objective, counts, judged, coverage, efficiency)
+        motions = schedule(self.robot, orders, collision=self.collision, rng=rng)
+        bare = Plan(self.robot.name, motions, self._reasons(table, counts), seed=self.seed)
+        efficiency = math.exp(optimum.bound - exchange.objective.value(counts))
+        return replace(bare, duration=duration(self.robot, bare), efficiency=efficiency)
 
-    def _judged(self, objective: PlanObjective, counts: Counts, rng: np.random.Generator) -> Floats:
-        """(J, J) for each joint a free posture, one that no fit uses where there is one."""
-        candidates, out = objective.candidates, []
-        chosen = np.flatnonzero(counts.reshape(len(objective.times), -1).any(axis=0))
-        for joint, ways in zip(self.candidates.joints, self.judging, strict=True):
-            used = set(candidates.hold[chosen][candidates.joint[chosen] == joint.joint].tolist())
-            free = np.flatnonzero(usable(self.collision, joint.holds, ways).all(axis=1)).tolist()
-            options = [k for k in free if k not in used] or free or np.flatnonzero(joint.usable.any(axis=1)).tolist()
-            out.append(joint.holds[int(rng.choice(options))])
-        return np.array(out)
-
-    def _judging_seconds(self, coverage: Coverage) -> float:
-        """s of the runs that are kept for judging."""
-        away = float(np.mean(self._away)) * len(self.judging)
-        return away + sum(seconds_of(self.robot, sweep) for ways in self.judging for sweep in ways[: coverage.judged])
-
-    def _too_short(self, budget: float, least: Coverage) -> ModelError:
-        needed = self._least_seconds(least)
-        return ModelError(
-            "plan-too-short",
-            f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes about"
-            f" {math.ceil(needed / 6.0) / 10.0:g} minutes",
-            mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or fewer postures, replicates or faster speeds",
-        )
+    def _reasons(self, candidates: CandidateInformation, counts: Counts) -> tuple[Posture, ...]:
+        """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
+        out = list[Posture]()
+        before = self.criterion.errors(candidates.information(counts))
+        for joint in self.robot.joints:
+            label = f"joint {joint.number} ({joint.name})"
+            numbers = [k for k in np.flatnonzero(counts) if candidates.blocks[k].joint == joint.number]
+            holds = np.array([candidates.blocks[k].hold for k in numbers])
+            slopes = gravity_slopes(self.truths, joint=joint.number, holds=holds, names=self.names)
+            for posture in np.unique(candidates.posture[numbers]):
+                rest = np.where(candidates.posture == posture, 0, counts)
+                errors = self.criterion.errors(candidates.information(rest))
+                growth = np.median(errors / before, axis=0)[: len(self.names)].tolist()
+                rises = [(name, rise) for name, rise in zip(self.names, growth, strict=True) if rise >= _SERVES]
+                rises = sorted(rises, key=lambda item: (-round(item[1], 6), item[0]))[:_NAMED]
+                why = f"{label} carries no weight that can be told from friction: its runs are for friction"
+                hold = candidates.blocks[int(np.flatnonzero(candidates.posture == posture)[0])].hold
+                why = _loss(dict(rises)) if np.any(np.abs(slopes) > 1e-9) else why
+                out.append(Posture(joint.number, hold, tuple(name for name, _ in rises), why))
+            why = f"{label} is judged here, at speeds that no fit uses"
+            out += [Posture(joint.number, block.hold, (), why) for block in self.judging if block.joint == joint.number]
+        return tuple(out)
 
 
-def _blocks(candidates: CandidateInformation, counts: Counts) -> list[Block]:
-    """Candidates, each made `counts` (L,) times, gathered by joint and posture."""
-    gathered: dict[tuple[int, tuple[float, ...]], list[Sweep]] = {}
-    for place in np.repeat(np.arange(len(counts)), counts).tolist():
-        candidate = candidates.candidate(place)
-        gathered.setdefault((candidate.joint, candidate.hold), []).extend(candidate.sweeps)
-    return [Block(hold, tuple(ways)) for (_, hold), ways in gathered.items()]
-
-
-def _cover(
-    candidates: CandidateInformation,
-    criterion: Criterion,
-    coverage: Coverage,
-    *,
-    background: Floats,
-    opening: Floats,
-    all_speeds: bool,
-) -> Counts:
-    """(K L,) the candidates of a coverage for each kind of pass, in the postures that tell most.
-
-    Postures are compared on top of the information `background` (G, p, p); `opening` (L,) is by how much the criterion
-    could fall in the time that it takes to go to each one.
-    """
-    counts = np.zeros((len(coverage.times), len(candidates)), dtype=np.int64)
-    for joint in candidates.joints:
-        taken: set[int] = set()
-        for place, ways in enumerate(_covering(joint, coverage, all_speeds=all_speeds)):
-            options = [k for k in range(len(joint.holds)) if k not in taken and joint.usable[k, ways].any()]
-            options = [k for k in options if joint.usable[k, ways].all()] or options
-            if not options:
-                break
-            made = [[c for w in ways if (c := candidates.find(joint.joint, k, w)) is not None] for k in options]
-            gathered = np.array([candidates.each(sets).sum(axis=0) for sets in made])
-            values = criterion.value(background + sum(coverage.times) * gathered)
-            values = values + opening[[sets[0] for sets in made]]
-            best = int(np.argmin(rounded(values)))
-            taken.add(options[best])
-            kinds = len(coverage.times) if place < coverage.whole else 1
-            counts[:kinds, made[best]] += 1
-            background = background + sum(coverage.times[:kinds]) * gathered[best]
-    return counts.ravel()
-
-
-def _covering(joint: JointCandidates, coverage: Coverage, *, all_speeds: bool) -> list[list[int]]:
-    """The sweeps (numbers) of each posture of a joint."""
-    at = sorted({sweep.speed for sweep in joint.sweeps})
-    slower = _spread(at[:-1])
-    count = max(1, math.ceil(((len(at) if all_speeds else SPEEDS) - 1) / coverage.postures))
-    out = []
-    for place in range(coverage.postures):
-        # The first posture gets one speed more, so that slow and middle come in every pass.
-        more = int(coverage.middle)
-        turns = range(place * count + min(place, more), (place + 1) * count + more)
-        chosen = dict.fromkeys(slower[turn % len(slower)] for turn in turns) if slower else {}
-        ways = [_part(joint.sweeps, speed, coverage.part, place=place) for speed in chosen]
-        if place < coverage.whole or not ways:
-            ways.append(_tour(joint.sweeps, place))
-        out.append(ways)
-    return out
-
-
-def _spread(rising: Sequence[float]) -> list[float]:
-    """Slowest first, then from the middle, so that a few of them lie far apart."""
-    half = (len(rising) + 1) // 2
-    pairs = zip(rising[:half], [*rising[half:], None], strict=False)
-    return [speed for pair in pairs for speed in pair if speed is not None]
-
-
-def _tour(ways: Sequence[Sweep], place: int) -> int:
-    """The widest sweep at the highest speed, up first and down first in turns."""
-    order = sorted(range(len(ways)), key=lambda c: (-ways[c].speed, ways[c].low - ways[c].high, c))
-    first = ways[order[0]]
-    alike = [c for c in order if (ways[c].speed, ways[c].low, ways[c].high) == (first.speed, first.low, first.high)]
-    return alike[place % len(alike)]
-
-
-def _part(ways: Sequence[Sweep], speed: float, seconds: float, *, place: int) -> int:
-    """The sweep at this speed that lasts nearest to `seconds`; parts above and below home take turns."""
-    off = {c: abs(math.log((way.high - way.low) / speed / seconds)) for c, way in enumerate(ways) if way.speed == speed}
-    alike = [c for c, distance in off.items() if distance <= min(off.values()) + 1e-9]
-    return alike[place % len(alike)]
+def _loss(rises: dict[str, float]) -> str:
+    """Which parameters would be lost without a posture, and by which factor the error of others would grow."""
+    parts = []
+    if lost := [name for name, growth in rises.items() if growth >= _LOST]:
+        parts.append(f"without it {', '.join(lost)} could not be identified")
+    if worse := [f"{name} {growth:.2g} times" for name, growth in rises.items() if growth < _LOST]:
+        parts.append(f"without it the error of {', '.join(worse)} as large")
+    return "; ".join(parts) or "adds a load that differs from that of the other postures"

@@ -10,16 +10,8 @@ import pytest
 from menus import arm, motions_of, names, prior, small_set
 from paper_recursion import gravity_current
 
-from pumaid.design.exchange import Criterion, continuous_design
-from pumaid.design.information import (
-    gravity_names,
-    gravity_slopes,
-    parameter_names,
-    plan_information,
-    run_moments,
-    standard_errors,
-)
-from pumaid.design.planner import PlanObjective
+from pumaid.design.exchange import Criterion, PlanObjective, continuous_design
+from pumaid.design.information import gravity_names, gravity_slopes, predicted_errors, run_information, run_moments
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
 from pumaid.trajectory import Motion
@@ -33,8 +25,7 @@ PUMA = table1.puma560()
 
 def errors(motions, *, of=None) -> dict[str, float]:
     """Predicted standard errors on the paper's PUMA."""
-    table = of or gravity_names(PUMA.robot)
-    return standard_errors(parameter_names(PUMA.robot, table), plan_information([PUMA], motions, names=table)[0])
+    return predicted_errors([PUMA], motions, of or gravity_names(PUMA.robot))
 
 
 def test_slopes_are_those_of_the_papers_recursion():
@@ -68,7 +59,7 @@ def test_run_moments_are_those_of_the_whole_covariance():
     covariance = 0.05**2 * (0.7 * np.exp(-lag / 0.04) + 0.3)
     parts = np.column_stack([np.cos(q), np.sin(q), np.ones(count)])
     wanted = np.linalg.inv(parts.T @ np.linalg.solve(covariance, parts))
-    predicted = np.linalg.inv(run_moments((-1.5, 2.0), count / rate, noise, joint=1))
+    predicted = np.linalg.inv(run_moments(np.array([[-1.5, 2.0]]), np.array([count / rate]), noise, joint=1)[0])
     assert np.diag(predicted) == pytest.approx(np.diag(wanted), rel=0.03)
 
 
@@ -98,7 +89,8 @@ def test_candidates_tell_what_their_runs_tell(name):
     counts = np.zeros(len(candidates), dtype=int)
     counts[rng.choice(len(candidates), 40, replace=False)] = rng.integers(1, 3, 40)
     motions = motions_of(candidates, np.repeat(np.arange(len(candidates)), counts).tolist())
-    wanted = plan_information(prior(name).robots[:2], motions, names=names(arm(name)))
+    runs = [run_information(prior(name).robots[:2], [motion], names(arm(name))) for motion in motions]
+    wanted = sum(runs).toarray().reshape(2, len(candidates.names), -1)
     scale = np.sqrt(np.einsum("gpp->gp", wanted)) + 1e-12
     off = (candidates.information(counts.astype(float)) - wanted) / (scale[:, :, None] * scale[:, None, :])
     assert np.abs(off).max() < 1e-9
@@ -156,13 +148,14 @@ def test_no_enumerated_design_beats_the_bound():
     """Of all 16384 ways to make seven candidates up to three times in a time none is better, and the best is near."""
     candidates, rng = small_set("pendulum2", count=2), np.random.default_rng(11)
     chosen = [
-        rng.choice(np.flatnonzero(candidates.joint == joint), count, replace=False) for joint, count in ((1, 4), (2, 3))
+        rng.choice([k for k, block in enumerate(candidates.blocks) if block.joint == joint], count, replace=False)
+        for joint, count in ((1, 4), (2, 3))
     ]
     tiny, criterion = candidates.only(np.sort(np.concatenate(chosen))), criterion_of("pendulum2", 0.0)
     total = 6.0 * float(np.mean(tiny.seconds))
     counts = np.array(list(itertools.product(range(4), repeat=7)))
     counts = counts[(counts @ tiny.seconds <= total) & (counts @ tiny.seconds > 0)]
-    parts = [np.einsum("nl,lgpq->ngpq", part, tiny.each(range(7))) for part in np.array_split(counts, 40)]
+    parts = [np.einsum("nl,lgpq->ngpq", part, tiny.each(np.arange(7))) for part in np.array_split(counts, 40)]
     values = np.concatenate([criterion.value(part) for part in parts])
     bound = continuous_design(tiny, criterion, total).bound
     assert bound <= np.min(values) < bound + 0.3  # whole candidates only
@@ -170,8 +163,8 @@ def test_no_enumerated_design_beats_the_bound():
 
 def test_falls_rank_as_exact_values_do():
     """One more of a candidate lowers the value by about what the slope says, the more exactly the less it is."""
-    objective = PlanObjective(small_set("pendulum2"), criterion_of("pendulum2", 0.0), (2, 1))
-    counts = np.full(2 * len(objective.candidates), 3)
+    objective = PlanObjective(small_set("pendulum2"), criterion_of("pendulum2", 0.0))
+    counts = np.full(len(objective.candidates), 6)
     numbers = np.arange(0, len(counts), 7)
     falls = objective.value(counts) - objective.values_with(counts, numbers)
     assert falls == pytest.approx(objective.falls(counts)[numbers], rel=0.1, abs=1e-6)
