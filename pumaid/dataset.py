@@ -274,6 +274,8 @@ def _with_bins(
 
 def coarser(bins: Binned, size: int) -> Binned:
     """The same in at most `size` bins."""
+    if len(bins) <= size:
+        return bins
     starts, _ = spans(bins.time, size)
     columns: dict[str, Any] = {item.name: getattr(bins, item.name) for item in fields(bins)}
     for name, values in columns.items():

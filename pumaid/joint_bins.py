@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Bins, Campaign, Run, coarser
-from pumaid.kinematics import apart, grouped
+from pumaid.kinematics import posture_groups
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.preprocessing.replicates import replicates
@@ -106,7 +106,7 @@ class JointBins:
     @property
     def postures(self) -> tuple[tuple[int, ...], ...]:
         """Runs (from 0) by held posture."""
-        return posture_groups(self.runs)
+        return _by_posture(self.runs)
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -356,11 +356,6 @@ def _repeated(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
 
 
 @lru_cache(maxsize=32)
-def posture_groups(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
+def _by_posture(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
     """Numbers of the runs (from 0) by held posture."""
-    posture = np.nan_to_num(np.array([run.posture for run in runs]))
-
-    def alike(first: int, others: Counts) -> NDArray[np.bool_]:
-        return np.asarray(np.all(apart(posture[first], posture[others]) < SAME_POSTURE, axis=1))
-
-    return tuple(tuple(group) for group in grouped(len(runs), alike))
+    return tuple(map(tuple, posture_groups(np.array([run.posture for run in runs]), SAME_POSTURE)))

@@ -59,7 +59,7 @@ def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
 Numbers = NDArray[np.int64]
 
 
-def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> Iterator[list[int]]:
+def grouped(count: int, alike: Callable[[int, Numbers], Numbers]) -> Iterator[list[int]]:
     """Groups of numbers 0..count-1, each of a first one and those after it that are like it and like no earlier first.
 
     Parameters
@@ -67,20 +67,26 @@ def grouped(count: int, alike: Callable[[int, Numbers], NDArray[np.bool_]]) -> I
     count
         How many there are.
     alike
-        Of a number and (n,) numbers, whether each of these is like it.
+        Of a number and (n,) numbers, those of these that are like it.
 
     Examples
     --------
     >>> values = np.array([1.0, 5.0, 1.1, 5.1, 1.2])
-    >>> list(grouped(5, lambda first, others: np.abs(values[others] - values[first]) < 0.15))
+    >>> list(grouped(5, lambda first, others: others[np.abs(values[others] - values[first]) < 0.15]))
     [[0, 2], [1, 3], [4]]
     """
     remaining = np.arange(count, dtype=np.int64)
     while len(remaining):
-        members = alike(int(remaining[0]), remaining)
+        members = np.zeros(len(remaining), np.bool_)
+        members[np.searchsorted(remaining, alike(int(remaining[0]), remaining))] = True
         members[0] = True
         yield remaining[members].tolist()
         remaining = remaining[~members]
+
+
+def posture_groups(postures: Floats, within: float) -> list[list[int]]:
+    """Numbers (from 0) of (N, J) postures that are `within` (rad or m) of the first of their group."""
+    return list(grouped(len(postures), lambda first, rest: near(postures, first, rest, within=within)))
 
 
 def near(postures: Floats, first: int, numbers: Numbers, *, within: float) -> Numbers:
@@ -101,10 +107,3 @@ def near(postures: Floats, first: int, numbers: Numbers, *, within: float) -> Nu
             break
         numbers = numbers[~(apart(column[first], column[numbers]) > within)]
     return numbers
-
-
-def marked(others: Numbers, chosen: Numbers) -> NDArray[np.bool_]:
-    """(n,) which of some rising numbers are chosen."""
-    out = np.zeros(len(others), dtype=np.bool_)
-    out[np.searchsorted(others, chosen)] = True
-    return out

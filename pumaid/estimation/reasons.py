@@ -11,7 +11,7 @@ from pumaid.dataset import Run
 from pumaid.effect_spec import Column
 from pumaid.effects import Family, Scope
 from pumaid.joint_bins import SAME_POSTURE
-from pumaid.kinematics import grouped, marked, near
+from pumaid.kinematics import posture_groups
 from pumaid.model import Model
 from pumaid.units import number
 
@@ -128,8 +128,8 @@ class JointCoverage:
         moving = [run for run in runs if run.joint == joint]
         speeds = {sign: tuple(sorted(abs(run.speed) for run in moving if run.direction == sign)) for sign in (1, -1)}
         held = np.array([run.posture[joint:] for run in moving])
-        alike = grouped(len(moving), lambda first, rest: marked(rest, near(held, first, rest, within=SAME_POSTURE)))
-        return cls(len(moving), speeds, sum(1 for _ in alike), sum(run.kind == "stroke" for run in moving))
+        postures = posture_groups(held, SAME_POSTURE)
+        return cls(len(moving), speeds, len(postures), sum(run.kind == "stroke" for run in moving))
 
     def has_one_speed(self, sign: int) -> bool:
         """Whether all runs in direction `sign` have practically one speed."""

@@ -117,62 +117,55 @@ def record(
     """The run that a piece (not empty) of a stretch is, and what of it is left out; `clock` numbers the recording."""
     log = stretch.log.part(slice(piece.start, piece.stop))
     log = replace(log, current=np.where(np.abs(log.current) < LARGEST, log.current, np.nan))
-    if not piece.is_run:
-        return None, _reject(stretch, piece, log, robot=robot, options=options, clock=clock)
-    current = log.current[:, piece.joints[0] - 1]
-    # A current of 0 throughout is that of a motor that is off.
-    measured = np.flatnonzero(np.isfinite(current) & np.nan_to_num(current).any())
-    run = _run(stretch, piece, log, measured=measured, robot=robot, options=options) if len(measured) else None
-    n_lost = len(log) - len(measured) if run else len(log)
-    if not n_lost:
-        return run and replace(run, clock=clock), None
-    lost = replace(piece, label="no-current")
-    reject = _reject(stretch, lost, log, robot=robot, options=options, clock=clock)
-    text = _reason(lost, log, samples=n_lost, robot=robot, options=options)
-    return run and replace(run, clock=clock), replace(reject, samples=n_lost, text=text)
+    run, n_lost = None, len(log)
+    if piece.is_run:
+        moving = log.current[:, piece.joints[0] - 1]
+        # A current of 0 throughout is that of a motor that is off.
+        measured = np.flatnonzero(np.isfinite(moving) & np.nan_to_num(moving).any())
+        run = _run(stretch, piece, log, measured=measured, robot=robot, options=options) if len(measured) else None
+        run = run and replace(run, clock=clock)
+        n_lost -= len(measured) if run else 0
+        piece = replace(piece, label="no-current")
+    return run, _reject(stretch, piece, log, samples=n_lost, robot=robot, options=options, clock=clock)
 
 
-def _reject(stretch: Stretch, piece: Piece, log: Log, *, robot: Robot, options: SegmentOptions, clock: int) -> Reject:
-    """A piece that is no run; where something moved, with the means of all joints."""
-    bins = None
+def _reject(
+    stretch: Stretch, piece: Piece, log: Log, *, samples: int, robot: Robot, options: SegmentOptions, clock: int
+) -> Reject | None:
+    """So many samples of a piece as no run, with the reason; where something moved, with the means of all joints."""
+    if not samples:
+        return None
+    duration, bins = float(log.time[-1] - log.time[0]), None
     if piece.joints and stretch.motion is not None:
         starts, count = spans(log.time, options.reject_bins)
         time, ticks = mean_times(log.time, starts), stretch.motion.ticks.time
-        bins = Means(
-            count=count,
-            time=time,
-            position=finite_means(log.position, starts),
-            velocity=np.column_stack([np.interp(time, ticks, column) for column in stretch.motion.velocity.T]),
-            current=finite_means(log.current, starts),
-        )
-    return Reject(
-        origin=log.origin,
-        first_row=int(log.rows[0]),
-        last_row=int(log.rows[-1]),
-        start=float(log.time[0]),
-        duration=float(log.time[-1] - log.time[0]),
-        joints=piece.joints,
-        reason=piece.label,
-        text=_reason(piece, log, samples=len(log), robot=robot, options=options),
-        samples=len(log),
-        bins=bins,
-        clock=clock,
-    )
-
-
-def _reason(piece: Piece, log: Log, *, samples: int, robot: Robot, options: SegmentOptions) -> str:
-    """Why `samples` of a piece, whose log it is, are no run, in a sentence with its figures."""
+        position, current = (finite_means(values, starts) for values in (log.position, log.current))
+        velocity = np.column_stack([np.interp(time, ticks, column) for column in stretch.motion.velocity.T])
+        bins = Means(count, time, position, velocity, current)
     units = [robot.joint(joint).position_unit for joint in piece.joints] or ["rad"]
-    return REASONS[piece.label].format(
+    text = REASONS[piece.label].format(
         joints=", ".join(map(str, piece.joints)),
         first=piece.joints[0] if piece.joints else "",
         last=piece.joints[-1] if piece.joints else "",
         unit=units[0],
         last_unit=units[-1],
         figure=number(piece.figure, 3),
-        duration=number(float(log.time[-1] - log.time[0]), 3),
+        duration=number(duration, 3),
         samples=samples,
         options=options,
+    )
+    return Reject(
+        origin=log.origin,
+        first_row=int(log.rows[0]),
+        last_row=int(log.rows[-1]),
+        start=float(log.time[0]),
+        duration=duration,
+        joints=piece.joints,
+        reason=piece.label,
+        text=text,
+        samples=samples,
+        bins=bins,
+        clock=clock,
     )
 
 
@@ -185,14 +178,14 @@ def _run(
     if piece.label == STROKE:
         speed = float((position[-1] - position[0]) / max(time[-1] - time[0], 1e-12))
         bins = stroke_bins(log, joint, time=stretch.time[piece.start : piece.stop], window=piece.window)
-        if bins is None:
-            return None
     else:
         t = time - time.mean()
         speed = float(t @ (position - position.mean())) / max(float(t @ t), 1e-300)
         turns = abs(float(position[-1] - position[0])) / math.tau if robot.joint(joint).is_revolute else 0.0
         size = math.ceil(options.max_bins * min(max(turns, MANY_TURNS), MOST_TURNS) / MANY_TURNS)
-        bins = _bins(part, joint, velocity=_velocity(stretch, piece)[measured], size=size)
+        bins = _constant_bins(stretch, piece, log, measured=measured, size=size)
+    if bins is None:
+        return None
     posture = part.position.mean(axis=0)
     posture[joint - 1] = np.nan
     warmth = np.full(1, np.nan) if part.temperature is None else part.temperature[:, joint - 1]
@@ -215,24 +208,19 @@ def _run(
     )
 
 
-def _velocity(stretch: Stretch, piece: Piece) -> Floats:
-    """(N,) velocity of a run's moving joint, from ticks inside the run only."""
+def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Ints, size: int) -> Bins:
+    """At most `size` bins of the `measured` samples of a run; velocity is that of ticks inside the run only."""
     assert stretch.motion is not None
-    ticks, time = stretch.motion.ticks, stretch.log.time[piece.start : piece.stop]
+    ticks, joint = stretch.motion.ticks, piece.joints[0] - 1
     low = int(np.searchsorted(ticks.edges, piece.start))
     high = int(np.searchsorted(ticks.edges, piece.stop, side="right")) - 1
-    if high - low < 3:
-        return np.full(len(time), piece.figure)
-    inside = ticks.time[low:high]
-    return np.interp(time, inside, slopes(inside, ticks.position[low:high, piece.joints[0] - 1], HALF))
-
-
-def _bins(log: Log, joint: int, *, velocity: Floats, size: int) -> Bins:
-    """At most `size` bins of samples with a current, and the joint's (N,) velocity."""
+    velocity = np.full(len(measured), piece.figure)
+    if high - low >= 3:
+        inside = ticks.time[low:high]
+        velocity = np.interp(log.time[measured], inside, slopes(inside, ticks.position[low:high, joint], HALF))
+    log = log.part(measured)
     starts, count = spans(log.time, size)
-    sampled = log.current[:, joint - 1]
-    current = finite_means(sampled, starts)
-    temperature = np.full(len(log), np.nan) if log.temperature is None else log.temperature[:, joint - 1]
+    current = finite_means(log.current[:, joint], starts)
     return Bins(
         count=count,
         time=mean_times(log.time, starts),
@@ -240,8 +228,10 @@ def _bins(log: Log, joint: int, *, velocity: Floats, size: int) -> Bins:
         velocity=finite_means(velocity, starts),
         acceleration=np.zeros(len(starts)),
         current=current,
-        variance=finite_means((sampled - np.repeat(current, count)) ** 2, starts),
-        temperature=finite_means(temperature, starts),
+        variance=finite_means((log.current[:, joint] - np.repeat(current, count)) ** 2, starts),
+        temperature=np.full(len(starts), np.nan)
+        if log.temperature is None
+        else finite_means(log.temperature[:, joint], starts),
         extra=None if log.extra is None else finite_means(log.extra, starts),
     )
 

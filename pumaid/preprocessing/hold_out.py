@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.kinematics import Numbers, grouped, marked, near
+from pumaid.kinematics import posture_groups
 from pumaid.preprocessing.options import STROKE
 from pumaid.trajectory import Motion, Plan
 
@@ -55,15 +55,12 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         runs.append(replace(run, heldout=bool(purpose == "heldout")))
         # Repeats of a motion are as near: each is found once, and a run too many counts for another that it fits.
         free = np.where(missing & (purposes == purpose), away, np.inf)
-        if np.isfinite(free).any():
-            missing[int(np.argmin(free))] = False
+        missing[int(np.argmin(free))] &= not np.isfinite(free).any()
     notes = [*dataset.notes]
     lost = np.flatnonzero(missing).tolist()
     if lost:
-        named = [
-            f"run {k + 1} (joint {motions[k].joint} {'up' if motions[k].end > motions[k].start else 'down'})"
-            for k in lost
-        ]
+        ways = {True: "up", False: "down"}
+        named = [f"run {k + 1} (joint {motions[k].joint} {ways[motions[k].end > motions[k].start]})" for k in lost]
         text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {_listed(named)}"
         notes.append(Note("plan-run-missing", text, Where(field=f"runs[{lost[0] + 1}]")))
     if len(strays) > FEW * len(runs):
@@ -82,15 +79,13 @@ def _distances(runs: Sequence[Run], motions: Sequence[Motion]) -> Iterator[Float
     velocity = np.array([motion.velocity for motion in motions]) * np.sign(ends @ [-1.0, 1.0])
     low, high = ends.min(axis=1), ends.max(axis=1)
     for run in runs:
-        away = np.abs(hold - run.posture)
-        away[:, run.joint - 1] = 0.0
-        share = run.speed / velocity
+        away, share = np.abs(np.delete(hold - run.posture, run.joint - 1, axis=1)), run.speed / velocity
         slower = np.abs(share - 1.0)
         if run.kind == STROKE:
             slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
         shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
         whole = np.maximum(high, max(run.span)) - np.minimum(low, min(run.span))
-        fits = (moved == run.joint) & (away.max(axis=1) <= SAME_POSTURE) & (slower <= SAME_SPEED)
+        fits = (moved == run.joint) & (away.max(axis=1, initial=0.0) <= SAME_POSTURE) & (slower <= SAME_SPEED)
         fits &= shared >= INSIDE * abs(run.span[1] - run.span[0])
         yield np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
 
@@ -135,21 +130,17 @@ def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
 
     The estimate says how many runs of each joint were fitted and held out, not which; of other logs it says nothing.
     """
-    if {facts.digest for facts in dataset.files} != set(estimate.logs.values()):
-        return []
     parts = []
-    for fit in estimate.joints:
+    for fit in estimate.joints if {facts.digest for facts in dataset.files} == set(estimate.logs.values()) else ():
         runs = dataset.of_joint(fit.joint)
         now = sum(run.heldout for run in runs)
         if now != fit.heldout_runs and len(runs) == fit.runs + fit.heldout_runs:
             parts.append(f"{now} of joint {fit.joint}'s {len(runs)} runs, {fit.heldout_runs} when it was fitted")
-    if not parts:
-        return []
     text = (
         f"other runs are held out than when the model was fitted: {'; '.join(parts)}. Scores of held-out runs are"
         " therefore wrong; was the plan changed, or --heldout used only once?"
     )
-    return [Note("held-out-otherwise", text)]
+    return [Note("held-out-otherwise", text)] if parts else []
 
 
 def _last_postures(runs: Sequence[Run]) -> set[int]:
@@ -157,14 +148,10 @@ def _last_postures(runs: Sequence[Run]) -> set[int]:
     postures: dict[int, list[list[int]]] = {}
     for joint in sorted({run.joint for run in runs}):
         numbers = [number for number, run in enumerate(runs) if run.joint == joint and not run.heldout]
-        held = np.array([runs[number].posture for number in numbers]).reshape(len(numbers), -1)
-
-        def alike(first: int, others: Numbers, held: Floats = held) -> NDArray[np.bool_]:
-            return marked(others, near(held, first, others, within=SAME_POSTURE))
-
-        groups = [[numbers[k] for k in group] for group in grouped(len(numbers), alike)]
+        groups = posture_groups(np.array([runs[number].posture for number in numbers]), SAME_POSTURE)
         most_used = max(map(len, groups), default=0)
-        postures[joint] = [group for group in groups if len(group) >= MEANT * most_used]
+        groups = [group for group in groups if len(group) >= MEANT * most_used]
+        postures[joint] = [[numbers[k] for k in group] for group in groups]
     last = {number for groups in postures.values() if len(groups) >= FEWEST_POSTURES for number in groups[-1]}
     if not last:
         best = max(postures, key=lambda joint: len(postures[joint]), default=None)

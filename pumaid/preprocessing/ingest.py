@@ -8,13 +8,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from itertools import islice
+from itertools import repeat
 from typing import Any, TypeVar
 
 from pumaid import __version__
@@ -26,7 +25,7 @@ from pumaid.preprocessing import clock
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.segment import REJECT_BINS, RUN_BINS, BoundedRecords, segment
+from pumaid.preprocessing.segment import REJECT_BINS, RUN_BINS, bounded, segment
 from pumaid.robot import Robot
 
 Task = TypeVar("Task")
@@ -110,68 +109,57 @@ def _summed(logs: Iterable[Log], sums: LogStatistics) -> Iterator[Log]:
 
 def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:
     """Results of tasks in their order, by an executor or this process; a task whose worker dies is done here."""
-    if executor is None:
-        yield from map(work, tasks)
-        return
-    waiting: deque[tuple[Task, Future[Result] | None]] = deque()
-    for task in tasks:
-        try:
-            waiting.append((task, executor.submit(work, task)))
-        except RuntimeError:  # its workers died, or the connection to them
-            waiting.append((task, None))
-        if len(waiting) >= MOST_WAITING:
-            yield _result(work, *waiting.popleft())
-    while waiting:
-        yield _result(work, *waiting.popleft())
+    for k in range(0, len(tasks), MOST_WAITING):
+        batch = tasks[k : k + MOST_WAITING]
+        futures: list[Future[Result] | None] = []
+        with suppress(RuntimeError):  # its workers died, or the connection to them
+            futures.extend(executor.submit(work, task) if executor else None for task in batch)
+        futures += [None] * (len(batch) - len(futures))
+        yield from map(_result, repeat(work), batch, futures)
 
 
 def _result(work: Callable[[Task], Result], task: Task, future: Future[Result] | None) -> Result:
-    if future is None:
-        return work(task)
     try:
-        return future.result()
+        return future.result() if future else work(task)
     except Exception as error:
         is_lost = isinstance(error, BrokenExecutor | CancelledError)
-        if is_lost or type(error).__module__.startswith("distributed."):
+        if future and (is_lost or type(error).__module__.startswith("distributed.")):
             return work(task)
         raise
 
 
 def _merged(parts: Iterable[Dataset]) -> Dataset:
     """The files' datasets as one; recordings are counted through all files."""
-    runs, rejects = BoundedRecords[Run](RUN_BINS), BoundedRecords[Reject](REJECT_BINS)
+    whole, recordings, last_time = Dataset(()), 0, -math.inf
+    runs: list[Run] = []
+    rejects: list[Reject] = []
     files: list[FileFacts] = []
     notes: list[Note] = []
-    extra: tuple[str, ...] = ()
-    recordings, last_time = 0, -math.inf
     for part in parts:
         filled = [facts for facts in part.files if facts.rows]
         recordings += bool(filled) and not filled[0].first_time > last_time
         last_time = filled[-1].last_time if filled else last_time
-        for run in part.runs:
-            runs.add(replace(run, clock=run.clock + recordings))
-        for reject in part.rejects:
-            rejects.add(replace(reject, clock=reject.clock + recordings))
-        recordings += max([*(run.clock for run in part.runs), *(reject.clock for reject in part.rejects)], default=0)
+        runs = bounded(runs + [replace(run, clock=run.clock + recordings) for run in part.runs], RUN_BINS)
+        rejects += [replace(reject, clock=reject.clock + recordings) for reject in part.rejects]
+        rejects = bounded(rejects, REJECT_BINS)
+        recordings = max([recordings, *(run.clock for run in runs[-1:]), *(reject.clock for reject in rejects[-1:])])
         files += part.files
         notes += part.notes
-        extra = part.extra
-    return Dataset(tuple(runs.records), tuple(rejects.records), tuple(files), tuple(notes), extra)
+        whole = part
+    return Dataset(tuple(runs), tuple(rejects), tuple(files), tuple(notes), whole.extra)
 
 
 def _copies(files: Sequence[FileFacts]) -> list[LogError]:
     """Files that are the same, byte for byte: counted as two they make errors too small by the root of two."""
     first: dict[str, str] = {}
-    copies = {
-        facts.name: first[facts.digest]
-        for facts in files
-        if facts.rows and facts.digest and first.setdefault(facts.digest, facts.name) != facts.name
-    }
+    filled = [facts for facts in files if facts.rows and facts.digest]
+    copies = [facts for facts in filled if first.setdefault(facts.digest, facts.name) != facts.name]
     more = f" (and {len(copies) - MOST_COPIES} more such files)" if len(copies) > MOST_COPIES else ""
-    mend = "leave one of the two out"
-    what = f"{{}} is a copy of {{}}{more}: counted twice, errors would come out too small"
-    named = list(copies.items())[:MOST_COPIES]
-    return [LogError("log-doubled", what.format(*pair), Where(file=pair[0]), mend) for pair in named]
+    faults = []
+    for facts in copies[:MOST_COPIES]:
+        what = f"{facts.name} is a copy of {first[facts.digest]}{more}: counted twice, errors would come out too small"
+        faults.append(LogError("log-doubled", what, Where(file=facts.name), "leave one of the two out"))
+    return faults
 
 
 def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
@@ -183,18 +171,18 @@ def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
 
 def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
     """Of each kind of notes on files the first few, equal texts once, and how many more there are."""
-    by_slug: dict[str, dict[str, list[Note]]] = {}
+    alike: dict[str, dict[str, list[Note]]] = {}
     for note in notes:
-        by_slug.setdefault(note.slug, {}).setdefault(note.text, []).append(note)
-    for slug, by_text in by_slug.items():
-        for text, alike in islice(by_text.items(), MOST_ALIKE):
-            more = f"; the same in {len(alike) - 1} more files" if len(alike) > 1 else ""
-            yield Note(slug, text + more, alike[0].where)
-        rest = list(by_text.values())[MOST_ALIKE:]
+        alike.setdefault(note.slug, {}).setdefault(note.text, []).append(note)
+    for slug, by_text in alike.items():
+        first = [same[0] for same in by_text.values()]
+        for note in first[:MOST_ALIKE]:
+            count = len(by_text[note.text]) - 1
+            yield replace(note, text=f"{note.text}; the same in {count} more files") if count else note
+        rest = [str(note.where.file) for note in first[MOST_ALIKE:]]
         if rest:
-            files = ", ".join(str(alike[0].where.file) for alike in rest[:MOST_ALIKE])
             more = " ..." if len(rest) > MOST_ALIKE else ""
-            yield Note(slug, f"{len(rest)} more notes of this kind, on {files}{more}")
+            yield Note(slug, f"{len(rest)} more notes of this kind, on {', '.join(rest[:MOST_ALIKE])}{more}")
 
 
 @contextmanager
@@ -219,12 +207,8 @@ def local_processes(n_bytes: Sequence[int], jobs: int = 0) -> Iterator[Executor 
 def _start_worker() -> None:
     """Ctrl-C, which reaches all processes of a command, ends a worker without a traceback; so does its parent's end."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_end_with, args=[multiprocessing.parent_process()], daemon=True).start()
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+    parent: Any = multiprocessing.parent_process()
+    threading.Thread(target=lambda: parent.join() or os._exit(1), daemon=True).start()
 
 
 @contextmanager
@@ -258,15 +242,10 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
             what = f"no scheduler answers at {address}: {(str(error) or type(error).__name__).splitlines()[0][:200]}"
             mend = "start one with 'dask scheduler', or give --dask local"
             raise LogError("no-cluster", what, where, mend) from error
-        if address != LOCAL:
-            _check_versions({"the scheduler": versions["scheduler"], **versions["workers"]}, where)
+        for name, place in {"the scheduler": versions["scheduler"], **versions["workers"]}.items():
+            version = place["packages"].get("pumaid")
+            if version != __version__:
+                what = f"{name} has {f'pumaid {version}' if version else 'no pumaid'}, this is pumaid {__version__}"
+                mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
+                raise LogError("cluster-differs", what, where, mend)
         yield client.get_executor(pure=False)
-
-
-def _check_versions(places: Mapping[str, Any], where: Where) -> None:
-    for name, place in places.items():
-        version = place["packages"].get("pumaid")
-        if version != __version__:
-            what = f"{name} has {f'pumaid {version}' if version else 'no pumaid'}, this is pumaid {__version__}"
-            mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
-            raise LogError("cluster-differs", what, where, mend)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,10 +29,10 @@ MOVED = 0.2
 AGREES, UNRELATED, ANOTHER = 0.95, 0.5, 0.3
 #: Relative error within which a ratio is that of two units, and within which it is one (real logs: within 0.015).
 UNIT_MATCH, RATIO_FINE = 0.03, 0.05
-#: Time steps (s) with which no arm is logged, and a step that does not show ramps, which take 0.1 to 0.3 s.
-SLOWEST, FASTEST, COARSE = 1.0, 3e-5, 0.05
-#: Multiple of the limits (of a slide, of their width) that a range must exceed before the unit is in doubt.
-BEYOND, FAR_SLIDE = 1.5, 10.0
+#: Time steps (s) with which no arm is logged, a step that does not show ramps, which take 0.1 to 0.3 s, and usual ones.
+SLOWEST, FASTEST, COARSE, USUAL = 1.0, 3e-5, 0.05, (2e-4, 0.1)
+#: Multiple of the limits that a range must exceed before the unit is in doubt.
+BEYOND = 1.5
 #: rad; two turns each way: one joint beyond may turn endlessly, two of an arm do not. And less than any experiment.
 FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Windows each way from which a joint's friction can be told from its gravity; share of a current's variance that
@@ -83,27 +84,29 @@ class Check:
 def findings(sums: LogStatistics) -> list[LogError | Note]:
     """What the table finds, in the order in which a user should look at it."""
     items = [item for check in UNIT_CHECKS for item in check.run(sums)]
-    if not any(item.slug in ("looks-like-degrees", "units-disagree") for item in items):
-        items += [item for check in RATIO_CHECKS for item in check.run(sums)]
     if not any(isinstance(item, LogError) for item in items):
         items += [item for check in OTHER_CHECKS for item in check.run(sums)]
     return items
 
 
+def _other_units(robot: Robot, key: str, usual: str, fits: Callable[[float], bool]) -> list[str]:
+    """Words for the recipe by which a quantity's unit changes to one whose ratio to that of the recipe `fits`."""
+    now = robot.log.units.get(key, usual)
+    return [
+        f"units: {{{key}: {word}}}"
+        for word, (dimension, size) in UNITS.items()
+        if dimension == UNITS[now][0] and word != now and fits(size / factor(now))
+    ]
+
+
 def _time_unit(sums: LogStatistics) -> Found:
     interval, unit = sums.interval(), sums.robot.log.units.get("time", "s")
-    if not (interval >= SLOWEST or interval <= FASTEST):
-        return
-    ticks = interval / factor(unit)
-    fitting = [
-        f"units: {{time: {word}}} ({number(1.0 / (ticks * size))} samples a second)"
-        for word, (dimension, size) in UNITS.items()
-        if dimension == "time" and 2e-4 <= ticks * size <= 0.1
-    ]
-    fix = f"put {' or '.join(fitting)} into the recipe's log block" if fitting else "check the time column"
-    fix += "; a count of rows is no time: then write the instants" if ticks == 1.0 else ""
-    rate = f"one sample every {number(interval)} s" if interval > 1 else f"{number(1 / interval)} samples a second"
-    yield {"unit": unit, "rate": rate, "fix": fix}
+    if interval >= SLOWEST or interval <= FASTEST:
+        fitting = _other_units(sums.robot, "time", "s", lambda scale: USUAL[0] <= interval * scale <= USUAL[1])
+        fix = f"put {' or '.join(fitting)} into the recipe's log block" if fitting else "check the time column"
+        fix += "; a count of rows is no time: then write the instants" if interval == factor(unit) else ""
+        rate = f"one sample every {number(interval)} s" if interval > 1 else f"{number(1 / interval)} samples a second"
+        yield {"unit": unit, "rate": rate, "fix": fix}
 
 
 def _rate_low(sums: LogStatistics) -> Found:
@@ -111,57 +114,48 @@ def _rate_low(sums: LogStatistics) -> Found:
         yield {"rate": number(1 / sums.interval())}
 
 
-def _degrees(sums: LogStatistics) -> Found:
-    """Positions that are far too large as radians: beyond limits that they would fit as degrees, or of many turns."""
-    if sums.robot.log.units.get("position", "rad") != "rad":
+def _position_unit(sums: LogStatistics, *, read: str, meant: str) -> Found:
+    """Positions that would fit the limits in another unit, while as read they are far beyond or hardly change.
+
+    Without limits, those of many turns.
+    """
+    is_angle, scale = read != "m", factor(meant) / factor(read)
+    key = "position" if is_angle else "prismatic_position"
+    joints = [(joint, k) for joint, k in _joints(sums, moved=False) if joint.is_revolute == is_angle]
+    limited = [(joint, k) for joint, k in joints if joint.limits]
+    if sums.robot.log.units.get(key, read) != read:
         return
-    turning = [(joint, k) for joint, k in _joints(sums, moved=False) if joint.is_revolute]
+    suspects = [(joint, k) for joint, k in limited if _outside(sums, joint, scale) <= 0.1]
+    if scale > 1.0:
+        suspects.sort(key=lambda item: sums.lowest[item[1]] - sums.highest[item[1]])
+        widest = max((sums.highest[k] - sums.lowest[k] for _, k in limited), default=math.inf)
+        is_still = len(suspects) == len(limited) and widest < FEW_DEGREES and scale * widest > MOVED
+        suspects = suspects if is_still else []
+    else:
+        # A whole turn off may be another count of turns, not another unit.
+        far = (max(BEYOND - 1.0, math.tau / (np.ptp(_limits(joint)))) for joint, _ in suspects)
+        suspects = [item for item, share in zip(suspects, far, strict=True) if _outside(sums, item[0]) > share]
     furthest = np.maximum(np.abs(sums.lowest), np.abs(sums.highest))
-    far = [(joint, k) for joint, k in turning if not joint.limits and furthest[k] > FAR]
-    # A whole turn off may be another count of turns, not another unit.
-    beyond = [
-        (joint, k)
-        for joint, k in turning
-        if _outside(sums, joint) > max((BEYOND - 1.0) * _width(joint), math.tau) and _fits(sums, joint, factor("deg"))
-    ]
-    is_sure = bool(beyond or len(far) >= 2)
-    for joint, k in (beyond or far)[:1]:
-        why = f"its limits are {_span(joint.limits)} rad, and as degrees they would fit" if beyond else "over two turns"
+    turning = [(joint, k) for joint, k in joints if meant == "deg" and not joint.limits and furthest[k] > FAR]
+    is_sure = bool(suspects) or len(turning) >= 2
+    for joint, k in (suspects or turning)[:1]:
+        why = (
+            f"its limits are {_span(*_limits(joint))}, and as {meant} they would fit" if suspects else "over two turns"
+        )
         if is_sure or not abs(_ratio(sums)[k] - 1.0) < RATIO_FINE:
-            yield {"joint": joint.number, "span": _range(sums, k), "why": why, "fault": is_sure}
-
-
-def _radians(sums: LogStatistics) -> Found:
-    """Radians that are read as degrees."""
-    deg, spans = factor("deg"), sums.highest - sums.lowest
-    turning = [(j, k) for j, k in _joints(sums, moved=False) if j.is_revolute and j.limits]
-    if sums.robot.log.units.get("position", "rad") != "deg" or not turning:
-        return
-    joint, k = max(turning, key=lambda item: float(spans[item[1]]))
-    if all(_fits(sums, j, 1 / deg) for j, _ in turning) and spans[k] / deg > MOVED and spans[k] < FEW_DEGREES:
-        yield {"joint": joint.number, "span": number(spans[k] / deg)}
-
-
-def _millimetres(sums: LogStatistics) -> Found:
-    """A slide's millimetres that are read as metres."""
-    if sums.robot.log.units.get("prismatic_position", "m") != "m":
-        return
-    for joint, k in _joints(sums, moved=False):
-        is_far = not joint.is_revolute and _outside(sums, joint) > FAR_SLIDE * _width(joint)
-        if is_far and _fits(sums, joint, factor("mm")):
-            yield {"joint": joint.number, "span": _range(sums, k), "limits": _span(joint.limits)}
-            return
+            span = f"{_span(sums.lowest[k], sums.highest[k])} {joint.position_unit}"
+            figures = {"read": read, "meant": meant, "key": key, "span": span, "why": why}
+            yield figures | {"joint": joint.number, "fault": is_sure}
 
 
 def _units_disagree(sums: LogStatistics) -> Found:
     """The derivative of position against the velocity column, by a factor between two units."""
-    for joint, value in _off_ratios(sums):
-        fitting = _unit_changes(sums.robot, joint, value)
-        if fitting:
-            words = " or ".join(f"units: {{{quantity}: {unit}}}" for quantity, unit in fitting)
-            is_sure = any(not quantity.endswith("velocity") for quantity, _ in fitting)
-            words += " into the recipe's log block" + ("" if is_sure else " (speeds are taken from position)")
-            yield {"joint": joint.number, "ratio": number(value), "words": words, "fault": is_sure}
+    for joint, ratio in _off_ratios(sums):
+        changes, speeds = _unit_changes(sums.robot, joint, ratio)
+        if changes or speeds:
+            words = f"{' or '.join(changes + speeds)} into the recipe's log block"
+            words += "" if changes else " (speeds are taken from position)"
+            yield {"joint": joint.number, "ratio": number(ratio), "words": words, "fault": bool(changes)}
             return
 
 
@@ -171,30 +165,31 @@ def _velocity_sign(sums: LogStatistics) -> Found:
 
 def _velocity_unrelated(sums: LogStatistics) -> Found:
     """A velocity column of another scale, or of another signal."""
-    ratios = list(_off_ratios(sums))
-    if any(_unit_changes(sums.robot, joint, value) for joint, value in ratios):
+    ratios = {joint.number: ratio for joint, ratio in _off_ratios(sums)}
+    if any(any(_unit_changes(sums.robot, sums.robot.joint(joint), ratio)) for joint, ratio in ratios.items()):
         return
-    for joint, value in ratios:
-        how = f"the position changes {number(value)} times as fast"
-        if joint.gear_ratio and abs(abs(value * joint.gear_ratio) - 1.0) < UNIT_MATCH:
-            how += f" (the ratio is that of the gear, {number(joint.gear_ratio)}: the column is the motor's speed)"
-        if abs(value + 1.0) >= RATIO_FINE:
+    for joint, k in _joints(sums, moved=False):
+        ratio = ratios.get(joint.number, -1.0)
+        match, moved = abs(float(sums.agreement()[k, k])), sums.path[k] > MOVED
+        if abs(ratio + 1.0) >= RATIO_FINE:
+            how = f"the position changes {number(ratio)} times as fast"
+            if joint.gear_ratio and abs(abs(ratio * joint.gear_ratio) - 1.0) < UNIT_MATCH:
+                how += f" (the ratio is that of the gear, {number(joint.gear_ratio)}: the column is the motor's speed)"
             yield {"joint": joint.number, "how": how}
-    for joint, k in _joints(sums):
-        match = abs(float(sums.agreement()[k, k]))
-        if sums.has_velocity and sums.integral[k] > 0 and match < UNRELATED:
+        elif moved and _integral(sums)[k] > 0 and match < UNRELATED:
             yield {"joint": joint.number, "how": f"their correlation is {match:.2f}"}
 
 
 def _beyond_limits(sums: LogStatistics) -> Found:
-    speed = _rms_speed(sums)
+    speed = np.sqrt(sums.speed_squares / np.maximum(sums.seconds, 1e-12))
     for joint, k in _joints(sums, moved=False):
         unit, limit = joint.position_unit, joint.max_velocity
         if limit and speed[k] > BEYOND * limit and sums.path[k] > MOVED:
             what = f"moves at {number(speed[k])} {unit}/s (RMS), its maximum is {number(limit)}"
             yield {"joint": joint.number, "what": what, "fix": "check the units of time and of position"}
-        if _outside(sums, joint) > 0.05 * _width(joint):
-            what = f"runs from {_range(sums, k)} {unit}, beyond its limits {_span(joint.limits)}"
+        if _outside(sums, joint) > 0.05:
+            span = _span(sums.lowest[k], sums.highest[k])
+            what = f"runs from {span} {unit}, beyond its limits {_span(*_limits(joint))}"
             yield {"joint": joint.number, "what": what, "fix": "check zero, sign and unit"}
 
 
@@ -204,7 +199,7 @@ def _velocities_swapped(sums: LogStatistics) -> Found:
     followed = {
         joint.number: int(np.argmax(match[k])) + 1
         for joint, k in _joints(sums)
-        if sums.integral[k] > 0 and match[k, k] < ANOTHER and match[k].max() > AGREES
+        if _integral(sums)[k] > 0 and match[k, k] < ANOTHER and match[k].max() > AGREES
     }
     if followed:
         pairs = ", ".join(f"position {a} with velocity {b}" for a, b in followed.items())
@@ -216,25 +211,34 @@ def _currents_swapped(sums: LogStatistics) -> Found:
 
     While joint a moves alone its friction changes sign with direction, and no other joint's does: gravity is a function
     of position. So the current that answers to a's direction, beside cos and sin of its angle, is the current of a.
+    Postures are taken one by one, so that gravity's change from one to the next counts neither way.
     """
-    answer, share = _answers(sums)
     moved_to: dict[int, int] = {}
-    for a in np.flatnonzero(~np.isnan(np.diag(answer))).tolist():
-        b = int(np.nanargmax(np.abs(answer[a])))
-        if b != a and share[a, b] > STRONG and abs(answer[a, b]) > STRONGER * abs(answer[a, a]):
+    changes = []
+    is_measured, n = (sums.moving > 0) | (sums.path <= MOVED), sums.robot.n_joints
+    for a in np.flatnonzero((sums.path >= MOVED) & is_measured).tolist():
+        groups = np.array([*sums.groups[a].values()]).reshape(-1, 4 + n, 4 + n)
+        gravity = np.linalg.pinv(groups[:, :3, :3], rcond=1e-9, hermitian=True)
+        cross = groups[:, :3, 3:]
+        rest = (groups[:, 3:, 3:] - cross.transpose(0, 2, 1) @ gravity @ cross).sum(axis=0)
+        windows = 0.5 * (groups[:, 0, 0].sum() - abs(groups[:, 0, 3].sum()))
+        if min(windows, rest[0, 0]) < FEWEST_WAYS:
+            continue
+        answer = np.where(is_measured, np.abs(rest[0, 1:]) / rest[0, 0], 0.0)
+        share = rest[0, 1:] ** 2 / (rest[0, 0] * np.maximum(np.diag(rest)[1:], 1e-300))
+        b = int(np.argmax(answer))
+        if b != a and share[b] > STRONG and answer[b] > STRONGER * answer[a]:
             moved_to[a + 1] = b + 1
-    if not moved_to:
-        return
-    what = "; ".join(
-        f"when joint {a} moves, current {b} changes by {number(2 * abs(answer[a - 1, b - 1]), 2)} A with direction, "
-        f"its own by {number(2 * abs(answer[a - 1, a - 1]), 2)} A"
-        for a, b in moved_to.items()
-    )
+            by, least = number(2 * answer[b], 2), number(2 * answer[a], 2)
+            changes.append(
+                f"when joint {a + 1} moves, current {b + 1} changes by {by} A with direction, its own by {least} A"
+            )
     log = sums.robot.log
     pairs = ", ".join(f"{log.column('position', a)} beside {log.column('current', b)}" for a, b in moved_to.items())
     is_sure = len(moved_to) >= 2 and len(set(moved_to.values())) == len(moved_to)
-    perhaps = "" if is_sure else "perhaps "
-    yield {"joint": next(iter(moved_to)), "what": what, "perhaps": perhaps, "pairs": pairs, "fault": is_sure}
+    if moved_to:
+        figures = {"what": "; ".join(changes), "perhaps": "" if is_sure else "perhaps ", "pairs": pairs}
+        yield figures | {"joint": next(iter(moved_to)), "fault": is_sure}
 
 
 def _position_held(sums: LogStatistics) -> Found:
@@ -316,16 +320,14 @@ UNIT_CHECKS = (
           column="time", fault=True),
     Check("rate-low", _rate_low, "{rate} samples a second are too few to see where an arm speeds up and slows down",
           "50 or more are needed for good runs", column="time"),
-    Check("looks-like-degrees", _degrees, "positions of joint {joint} run from {span}; {why}",
-          "if they are degrees put units: {{position: deg}} into the recipe's log block"),
-    Check("units-disagree", _radians, "no position covers more than {span} degrees (joint {joint}); as radians all "
-          "would fit", "take position: deg out of the units in the recipe's log block", fault=True),
-    Check("units-disagree", _millimetres, "positions of joint {joint} run from {span}; its limits are {limits} m, and "
-          "as millimetres they would fit", "put units: {{prismatic_position: mm}} into the recipe's log block",
-          fault=True),
-)  # fmt: skip
-#: The derivative of position against the velocity column; where positions are in doubt, it is not asked.
-RATIO_CHECKS = (
+    *(
+        Check(slug, partial(_position_unit, read=read, meant=meant),
+              "positions of joint {joint}, read as {read}, run from {span}; {why}",
+              "if they are {meant} put units: {{{key}: {meant}}} into the recipe's log block")
+        for slug, read, meant in (
+            ("looks-like-degrees", "rad", "deg"), ("units-disagree", "deg", "rad"), ("units-disagree", "m", "mm"),
+        )
+    ),
     Check("units-disagree", _units_disagree, "position of joint {joint} changes {ratio} times as fast as its velocity "
           "column says", "put {words}", column="velocity"),
     Check("velocity-sign", _velocity_sign, "velocity of joint {joint} has the sign opposite to its motion",
@@ -379,92 +381,47 @@ def _measured(sums: LogStatistics, *, constant: bool = False) -> Iterator[tuple[
             yield joint, k
 
 
-def _span(ends: tuple[float, float] | None) -> str:
-    low, high = ends or (math.nan, math.nan)
+def _span(low: float, high: float) -> str:
     return f"{number(low)} to {number(high)}"
 
 
-def _range(sums: LogStatistics, k: int) -> str:
-    return _span((sums.lowest[k], sums.highest[k]))
+def _limits(joint: Joint) -> tuple[float, float]:
+    """The joint's limits, rad or m; infinite without."""
+    return joint.limits or (-math.inf, math.inf)
 
 
-def _width(joint: Joint) -> float:
-    """Of the joint's limits, rad or m; infinite without."""
-    return joint.limits[1] - joint.limits[0] if joint.limits else math.inf
+def _outside(sums: LogStatistics, joint: Joint, scale: float = 1.0) -> float:
+    """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
+    (low, high), k = _limits(joint), joint.number - 1
+    return float(max(low - scale * sums.lowest[k], scale * sums.highest[k] - high)) / (high - low)
 
 
-def _outside(sums: LogStatistics, joint: Joint) -> float:
-    """How far positions leave the joint's limits (rad or m), negative inside."""
-    low, high = joint.limits or (-math.inf, math.inf)
-    return float(max(low - sums.lowest[joint.number - 1], sums.highest[joint.number - 1] - high))
-
-
-def _fits(sums: LogStatistics, joint: Joint, scale: float) -> bool:
-    """Whether positions times `scale` fit the limits, but for a tenth of their width."""
-    low, high = joint.limits or (-math.inf, math.inf)
-    k, slack = joint.number - 1, 0.1 * (high - low)
-    return bool(scale * sums.lowest[k] >= low - slack and scale * sums.highest[k] <= high + slack)
-
-
-def _rms_speed(sums: LogStatistics) -> Floats:
-    """(J,) RMS speed while moving; no more than the maximum, whatever the motion."""
-    return np.sqrt(sums.speed_squares / np.maximum(sums.seconds, 1e-12))
+def _integral(sums: LogStatistics) -> Floats:
+    """(J,) sums of squares of the integrated velocity columns, zero without one."""
+    return np.diag(sums.products)[sums.robot.n_joints :]
 
 
 def _ratio(sums: LogStatistics) -> Floats:
     """(J,) displacement per integrated velocity, NaN where a joint did not move or they do not belong together."""
+    integral, both = _integral(sums), np.diag(sums.products, sums.robot.n_joints)
     belongs = (np.abs(np.diag(sums.agreement())) > AGREES) & (sums.path > 0)
-    return np.where(belongs, np.diag(sums.moved_by) / np.where(sums.integral > 0, sums.integral, 1.0), np.nan)
+    return np.where(belongs, both / np.where(integral > 0, integral, 1.0), np.nan)
 
 
 def _off_ratios(sums: LogStatistics) -> Iterator[tuple[Joint, float]]:
-    """Joints that moved, by displacement or by their velocity column, and whose ratio of the two is not one."""
-    moved = (sums.path > MOVED) | ((sums.displacement > 0) & (sums.integral > (MOVED * WINDOW) ** 2))
-    for joint, value in zip(sums.robot.joints, _ratio(sums).tolist(), strict=True):
-        if moved[joint.number - 1] and abs(value - 1.0) >= RATIO_FINE:
-            yield joint, value
+    """Joints that moved, by position or by their velocity column, and whose ratio of the two is not one."""
+    moved = (sums.path > MOVED) | (_integral(sums) > (MOVED * WINDOW) ** 2)
+    for joint, ratio in zip(sums.robot.joints, _ratio(sums).tolist(), strict=True):
+        if moved[joint.number - 1] and abs(ratio - 1.0) >= RATIO_FINE:
+            yield joint, ratio
 
 
-def _unit_changes(robot: Robot, joint: Joint, ratio: float) -> list[tuple[str, str]]:
-    """(key, unit word) of every single change of unit that brings the ratio to one."""
-    prefix, per = ("", "angular") if joint.is_revolute else ("prismatic_", "linear")
-    quantities = (
-        (f"{prefix}position", "angle" if joint.is_revolute else "length", "rad" if joint.is_revolute else "m", 1),
-        ("time", "time", "s", -1),
-        (f"{prefix}velocity", f"{per} velocity", "rad/s" if joint.is_revolute else "m/s", -1),
-    )
-    changes = []
-    for key, dimension, standard, power in quantities:
-        now = robot.log.units.get(key, robot.log.units.get(key.removeprefix("prismatic_"), standard))
-        for word, (of, size) in UNITS.items():
-            scaled = abs(ratio) * (size / factor(now)) ** power
-            if of == dimension and word != now and abs(scaled - 1.0) < UNIT_MATCH:
-                changes.append((key, word))
-    return changes
+def _unit_changes(robot: Robot, joint: Joint, ratio: float) -> tuple[list[str], list[str]]:
+    """Single changes of unit that bring the ratio to one: of position or time, and of the velocity column."""
+    prefix, usual = ("", "rad") if joint.is_revolute else ("prismatic_", "m")
 
+    def changes(key: str, usual: str, power: int) -> list[str]:
+        return _other_units(robot, key, usual, lambda scale: abs(abs(ratio) * scale**power - 1.0) < UNIT_MATCH)
 
-def _answers(sums: LogStatistics) -> tuple[Floats, Floats]:
-    """(J, J) half difference of current b between a's directions (A), and the share of variance that it explains.
-
-    Within each posture, so that gravity's change from posture to posture counts neither way. NaN where joint a did not
-    move alone both ways long enough.
-    """
-    n = sums.robot.n_joints
-    answer, share = np.full((n, n), np.nan), np.zeros((n, n))
-    for a in range(n):
-        if sums.ways[a].min() < FEWEST_WAYS or sums.path[a] < MOVED:
-            continue
-        rest = _beside_gravity(np.array([*sums.groups[a].values()])).sum(axis=0)
-        if rest[0, 0] < FEWEST_WAYS:
-            continue
-        answer[a] = rest[0, 1:] / rest[0, 0]
-        share[a] = rest[0, 1:] ** 2 / (rest[0, 0] * np.maximum(np.diag(rest)[1:], 1e-300))
-        answer[a, (sums.moving == 0) & (sums.path > MOVED)] = np.nan
-    return answer, share
-
-
-def _beside_gravity(sums: Floats) -> Floats:
-    """(G, 1 + J, 1 + J) sums of direction and currents once 1, cos and sin are taken out of them, of G postures."""
-    inverse = np.linalg.pinv(sums[:, :3, :3], rcond=1e-9, hermitian=True)
-    cross = sums[:, :3, 3:]
-    return np.asarray(sums[:, 3:, 3:] - cross.transpose(0, 2, 1) @ inverse @ cross)
+    first = changes(f"{prefix}position", usual, 1) + changes("time", "s", -1)
+    return first, changes(f"{prefix}velocity", f"{usual}/s", -1)

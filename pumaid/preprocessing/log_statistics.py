@@ -45,11 +45,11 @@ class LogStatistics:
         (J,) positions, rad or m.
     path, seconds, speed_squares
         (J,) way, time and integral of the squared speed while moving.
-    moved_by, displacement, integral
-        (J, J) sum over windows of displacement of joint a times integrated velocity column b; (J,) of their squares.
-    ways, groups
-        (J, 2) windows in which a joint moves alone, forwards and backwards; per joint and posture of the others, sums
-        over these, (4 + J, 4 + J) of (1, cos, sin, direction, all mean currents).
+    products
+        (2J, 2J) sums over windows of products of displacements and integrated velocity columns.
+    groups
+        Per joint, by posture of the others, over windows in which it moves alone, (4 + J, 4 + J) sums of products of
+        (1, cos, sin, direction, all mean currents).
     windows, held, step_sum, step_count, least_step
         (J,) windows while moving, and those whose position often repeats; there, its steps other than 0 (rad or m).
     least_current, most_current, moving
@@ -68,14 +68,14 @@ class LogStatistics:
 
     def __init__(self, robot: Robot) -> None:
         n = robot.n_joints
-        self.robot, self.origin, self.has_velocity = robot, "", False
-        self.lowest, self.least_current, self.least_step = (np.full(n, np.inf) for _ in range(3))
-        self.highest, self.most_current = (np.full(n, -np.inf) for _ in range(2))
-        self.path, self.seconds, self.speed_squares, self.displacement, self.integral = np.zeros((5, n))
+        self.robot, self.origin = robot, ""
+        self.lowest, self.least_current, self.least_step = np.full((3, n), np.inf)
+        self.highest, self.most_current = np.full((2, n), -np.inf)
+        self.path, self.seconds, self.speed_squares = np.zeros((3, n))
         self.windows, self.held, self.step_sum, self.step_count = np.zeros((4, n))
         self.moving, self.pairs, self.same, self.flat, self.zeros = np.zeros((5, n))
-        self.moved_by, self.copied, self.compared = np.zeros((3, n, n))
-        self.ways, self.intervals = np.zeros((n, 2)), np.zeros(0)
+        self.copied, self.compared = np.zeros((2, n, n))
+        self.products, self.intervals = np.zeros((2 * n, 2 * n)), np.zeros(0)
         self.levels: list[list[dict[float, int]]] = [[{}, {}, {}] for _ in range(n)]
         self.groups: list[dict[tuple[int, ...], Floats]] = [{} for _ in range(n)]
         self._rest: Log | None = None
@@ -99,7 +99,6 @@ class LogStatistics:
     def absorb(self, other: LogStatistics) -> None:
         """Add the statistics of another file of the same robot, which must not be fed any more."""
         self.origin = self.origin or other.origin
-        self.has_velocity |= other.has_velocity
         for name, values in vars(other).items():
             if isinstance(values, np.ndarray) and name != "intervals":
                 setattr(self, name, EXTREMES.get(name, np.add)(getattr(self, name), values))
@@ -115,65 +114,56 @@ class LogStatistics:
 
     def agreement(self) -> Floats:
         """(J, J) correlation of the displacement of joint a with velocity column b; 0 where nothing shows."""
-        scale = np.sqrt(np.outer(self.displacement, self.integral))
-        return np.divide(self.moved_by, scale, out=np.zeros_like(scale), where=scale > 0)
+        n, squares = self.robot.n_joints, np.diag(self.products)
+        scale = np.sqrt(np.outer(squares[:n], squares[n:]))
+        return np.divide(self.products[:n, n:], scale, out=np.zeros_like(scale), where=scale > 0)
 
     def _add_windows(self, log: Log, edges: Ints) -> None:
         """Add the windows between `edges`; what follows the last edge is no whole window."""
-        starts, seconds, steps = edges[:-1], np.diff(log.time[edges]), np.diff(log.position[edges], axis=0)
-        usable = (seconds <= LONGEST_WINDOW) & np.isfinite(steps).all(axis=1)
-        slow = np.array([SLOW[joint.kind] for joint in self.robot.joints])
-        speed = np.where(usable[:, None], steps / seconds[:, None], 0.0)
-        moves = np.abs(speed) > slow
-        self.path += (moves * np.abs(speed) * seconds[:, None]).sum(axis=0)
-        self.seconds += (moves * seconds[:, None]).sum(axis=0)
-        self.speed_squares += (moves * speed * speed * seconds[:, None]).sum(axis=0)
+        starts, counts = edges[:-1], np.diff(edges)
+        seconds, change = np.diff(log.time[edges])[:, None], np.diff(log.position[edges], axis=0)
+        usable = (seconds <= LONGEST_WINDOW) & np.isfinite(change).all(axis=1, keepdims=True)
+        speed = np.where(usable, change / seconds, 0.0)
+        size = np.abs(speed)
+        moves = size > np.array([SLOW[joint.kind] for joint in self.robot.joints])
+        self.windows += moves.sum(axis=0)
+        self.path += (moves * size * seconds).sum(axis=0)
+        self.seconds += (moves * seconds).sum(axis=0)
+        self.speed_squares += (moves * size**2 * seconds).sum(axis=0)
         middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
         log = log.part(slice(0, int(edges[-1])))
-        if log.velocity is not None and np.isfinite(log.velocity).any():
-            self.has_velocity = True
-            covered = finite_means(log.velocity, starts) * seconds[:, None]
-            counts = np.add.reduceat(np.isfinite(log.velocity), starts, axis=0, dtype=np.int64)
-            complete = usable & (counts > VELOCITIES * np.diff(edges)[:, None]).all(axis=1)
-            self.moved_by += steps[complete].T @ covered[complete]
-            self.displacement += (steps[complete] ** 2).sum(axis=0)
-            self.integral += (covered[complete] ** 2).sum(axis=0)
-        inside = np.ones((len(log) - 1, 1), np.bool_)
-        inside[starts[1:] - 1] = False
-        sampled = np.repeat(moves, np.diff(edges), axis=0)
-        self._add_positions(np.diff(log.position, axis=0), inside & sampled[1:], starts, moves)
-        if moves.any():
-            self._add_currents(log.current, inside, sampled & np.isfinite(log.current), starts)
-            self._add_directions(speed, moves, middle, finite_means(log.current, starts))
-
-    def _add_positions(self, steps: Floats, inside: Bools, starts: Ints, moves: Bools) -> None:
-        """Add repeats of (N, J) positions whose (N - 1, J) steps are `inside` windows in which a joint moves."""
-        last = np.zeros((1, steps.shape[1]), np.bool_)
-        repeats = np.add.reduceat(np.concatenate([inside & (steps == 0.0), last]), starts, axis=0, dtype=np.int64)
-        counts = np.diff(starts, append=len(steps) + 1)
-        often = moves & (repeats >= OFTEN * counts[:, None])
-        self.windows += moves.sum(axis=0)
+        if log.velocity is not None:
+            measured = _counts(np.isfinite(log.velocity), starts) > VELOCITIES * counts[:, None]
+            both = np.hstack([change, finite_means(log.velocity, starts) * seconds])
+            both = both[usable[:, 0] & measured.all(axis=1)]
+            self.products += both.T @ both
+        follows = np.ones((len(log), 1), np.bool_)  # another sample of its window
+        follows[starts] = False
+        step = np.abs(np.diff(log.position, axis=0, prepend=log.position[:1]))
+        often = moves & (_counts(follows & (step == 0.0), starts) >= OFTEN * counts[:, None])
         self.held += often.sum(axis=0)
         if often.any():
-            chosen = inside & np.repeat(often, counts, axis=0)[:-1] & (steps != 0.0)
-            size = np.abs(steps)
-            self.step_sum += (chosen * np.nan_to_num(size)).sum(axis=0)
+            chosen = follows & (step > 0.0) & np.repeat(often, counts, axis=0)
+            self.step_sum += np.where(chosen, step, 0.0).sum(axis=0)
             self.step_count += chosen.sum(axis=0)
-            self.least_step = np.fmin(self.least_step, np.where(chosen, size, np.inf).min(axis=0))
+            self.least_step = np.fmin(self.least_step, np.where(chosen, step, np.inf).min(axis=0))
+        if moves.any():
+            sampled = np.repeat(moves, counts, axis=0) & np.isfinite(log.current)
+            self._add_currents(log.current, sampled, follows, starts)
+            self._add_directions(speed, moves, middle, finite_means(log.current, starts))
 
-    def _add_currents(self, current: Floats, inside: Bools, moving: Bools, starts: Ints) -> None:
+    def _add_currents(self, current: Floats, moving: Bools, follows: Bools, starts: Ints) -> None:
         """Add extremes, repeats and zeros of (N, J) currents where they are measured while `moving`."""
         self.moving += moving.sum(axis=0)
-        both = inside & moving[1:] & moving[:-1]
+        both = follows[1:] & moving[1:] & moving[:-1]
         self.pairs += both.sum(axis=0)
         self.same += (both & (current[1:] == current[:-1])).sum(axis=0)
         low = np.minimum.reduceat(np.where(moving, current, np.inf), starts)
         high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
         self.least_current = np.fmin(self.least_current, low.min(axis=0))
         self.most_current = np.fmax(self.most_current, high.max(axis=0))
-        counts = np.add.reduceat(moving, starts, axis=0, dtype=np.int64)
+        counts, zeros = _counts(moving, starts), _counts(moving & (current == 0.0), starts)
         self.flat += ((low == high) & (counts >= FLAT)).sum(axis=0)
-        zeros = np.add.reduceat(moving & (current == 0.0), starts, axis=0, dtype=np.int64)
         self.zeros += np.where(zeros < counts, zeros, 0).sum(axis=0)
         for j in np.flatnonzero(moving.any(axis=0)).tolist():
             values = current[moving[:, j], j]
@@ -182,16 +172,13 @@ class LogStatistics:
 
     def _add_directions(self, speed: Floats, moves: Bools, middle: Floats, mean: Floats) -> None:
         """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
-        measured = np.isfinite(mean)
-        self.compared += (measured[:, :, None] & measured[:, None, :]).sum(axis=0)
+        measured = np.isfinite(mean).astype(float)
+        self.compared += measured.T @ measured
         self.copied += ((mean[:, :, None] == mean[:, None, :]) & (mean != 0.0)[:, None, :]).sum(axis=0)
         size = np.abs(speed)
         for j in np.flatnonzero(moves.any(axis=0)).tolist():
             alone = moves[:, j] & (np.delete(size, j, axis=1).max(axis=1, initial=0.0) < ALONE * size[:, j])
-            if not alone.any():
-                continue
             way, angle = np.sign(speed[alone, j]), middle[alone, j]
-            self.ways[j] += np.count_nonzero(way > 0), np.count_nonzero(way < 0)
             rows = np.column_stack([np.ones(len(way)), np.cos(angle), np.sin(angle), way, np.nan_to_num(mean[alone])])
             held = np.round(np.delete(middle[alone], j, axis=1) / SAME_POSTURE).astype(np.int64)
             postures, which = np.unique(held, axis=0, return_inverse=True)
@@ -203,6 +190,11 @@ class LogStatistics:
         groups = self.groups[j]
         if posture in groups or len(groups) < POSTURES:
             groups[posture] = groups.get(posture, 0.0) + sums
+
+
+def _counts(flags: Bools, starts: Ints) -> Ints:
+    """(W, J) of true (N, J) flags from each start on."""
+    return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
 
 
 def _counted(values: Floats) -> dict[float, int]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pumaid.dataset import Run
-from pumaid.kinematics import Numbers, grouped, marked, near
+from pumaid.kinematics import Numbers, grouped, near
 
 Floats = NDArray[np.float64]
 
@@ -27,33 +27,27 @@ def replicates(runs: Sequence[Run]) -> list[list[int]]:
 
     Each begins with its earliest run, by the log's clock and not by the order of files, to which the others are held.
     """
-    sorts: dict[tuple[int, str], list[int]] = {}
-    for number in sorted(range(len(runs)), key=lambda n: (runs[n].start, runs[n].duration, runs[n].speed)):
-        sorts.setdefault((runs[number].joint, runs[number].kind), []).append(number)
-    groups = [
-        [numbers[k] for k in group]
-        for numbers in sorts.values()
-        for group in grouped(len(numbers), _repeating([runs[number] for number in numbers]))
-        if len(group) > 1
-    ]
+    order = np.array(sorted(range(len(runs)), key=lambda n: (runs[n].start, runs[n].duration, runs[n].speed)), np.int64)
+    joint, kind, speed = (np.array([getattr(runs[n], name) for n in order]) for name in ("joint", "kind", "speed"))
+    posture, span = np.array([runs[n].posture for n in order]), np.array([runs[n].span for n in order]).reshape(-1, 2)
+    low, high = span.min(axis=1), span.max(axis=1)
+
+    def repeating(first: int, rest: Numbers) -> Numbers:
+        close = rest[(joint[rest] == joint[first]) & (kind[rest] == kind[first])]
+        close = close[np.abs(speed[close] - speed[first]) <= SAME_SPEED * abs(speed[first])]
+        close = near(posture, first, close, within=SAME_POSITION)
+        turns = _turns(span[first], span[close])
+        shared = np.minimum(high[first], high[close] + turns) - np.maximum(low[first], low[close] + turns)
+        shorter = np.minimum(high[first] - low[first], high[close] - low[close])
+        return np.asarray(close[shared >= OVERLAP * shorter])
+
+    groups = [order[group].tolist() for group in grouped(len(runs), repeating) if len(group) > 1]
     return sorted(groups, key=lambda group: group[0])
 
 
-def _repeating(runs: Sequence[Run]) -> Callable[[int, Numbers], NDArray[np.bool_]]:
-    """Of runs of one joint and kind, by number: which of some (n,) repeat one."""
-    speed, span = np.array([run.speed for run in runs]), np.array([run.span for run in runs])
-    posture = np.delete([run.posture for run in runs], runs[0].joint - 1, axis=1)
-    low, high, middle = span.min(axis=1), span.max(axis=1), span.sum(axis=1)
-
-    def alike(first: int, others: Numbers) -> NDArray[np.bool_]:
-        close = others[np.abs(speed[others] - speed[first]) <= SAME_SPEED * abs(speed[first])]
-        close = near(posture, first, close, within=SAME_POSITION)
-        turns = 2.0 * np.pi * np.round((middle[first] - middle[close]) / (4.0 * np.pi))
-        shared = np.minimum(high[first], high[close] + turns) - np.maximum(low[first], low[close] + turns)
-        shorter = np.minimum(high[first] - low[first], high[close] - low[close])
-        return marked(others, close[shared >= OVERLAP * shorter])
-
-    return alike
+def _turns(span: ArrayLike, other: ArrayLike) -> Floats:
+    """(...) rad, whole turns by which the middle of one span (2,) is beyond those of others (..., 2)."""
+    return 2.0 * np.pi * np.round((np.sum(span) - np.sum(other, axis=-1)) / (4.0 * np.pi))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,10 +70,9 @@ def pairs(runs: Sequence[Run]) -> list[Pair]:
     out = []
     for numbers in replicates(runs):
         first, *repeats = (runs[number] for number in numbers)
-        a = _OrderedBins.of(first)
+        a = _OrderedBins(first)
         for later in repeats:
-            turns = 2.0 * np.pi * float(np.round((sum(first.span) - sum(later.span)) / (4.0 * np.pi)))
-            b = _OrderedBins.of(later, turns=turns, smooth=a.smooth)
+            b = _OrderedBins(later, turns=float(_turns(first.span, later.span)), smooth=a.smooth)
             more, square = _difference(a, b)
             variance = 0.5 * (more**2 + square) + _inside(a, b)
             out.append(Pair(first, later, more, variance, later is repeats[-1]))
@@ -102,41 +95,27 @@ def noise_floor(repeated: Sequence[Pair]) -> tuple[float | None, str | None]:
     return float(np.sqrt(np.average([pair.variance for pair in repeated], weights=weights))), None
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class _OrderedBins:
     """A run's bins in order of position (M,), with the first harmonic's regressors (M, 4): cos, sin, one, acceleration.
 
-    `rest` (M,) is the current (A) less the first harmonic `smooth` (4,) of the run with which it is compared.
+    `rest` (M,) is the current (A) less the first harmonic `smooth` (4,) of the run with which it is compared, and
+    `rises` (M - 1,) its slopes (A/rad or A/m) from one bin to the next.
     """
 
-    q: Floats
-    current: Floats
-    variance: Floats
-    count: NDArray[np.int64]
-    basis: Floats
-    smooth: Floats
-
-    @classmethod
-    def of(cls, run: Run, *, turns: float = 0.0, smooth: Floats | None = None) -> _OrderedBins:
-        moving, bins = run.joint - 1, run.bins
-        order = np.argsort(bins.position[:, moving], kind="stable")
-        q, current = bins.position[order, moving] + turns, bins.current[order]
-        basis = np.column_stack([np.cos(q), np.sin(q), np.ones(len(q)), bins.acceleration[order]])
-        if smooth is None:
-            smooth = np.asarray(np.linalg.lstsq(basis, current, rcond=1e-6)[0], dtype=float)
-        return cls(q, current, bins.variance[order], bins.count[order], basis, smooth)
-
-    @property
-    def rest(self) -> Floats:
-        return np.asarray(self.current - self.basis @ self.smooth)
+    def __init__(self, run: Run, *, turns: float = 0.0, smooth: Floats | None = None) -> None:
+        bins, position = run.bins, run.bins.position[:, run.joint - 1]
+        order = np.argsort(position, kind="stable")
+        self.q, self.current = position[order] + turns, bins.current[order]
+        self.variance, self.count = bins.variance[order], bins.count[order]
+        basis = [np.cos(self.q), np.sin(self.q), np.ones(len(self.q)), bins.acceleration[order]]
+        self.basis = np.column_stack(basis)
+        self.smooth = np.linalg.lstsq(self.basis, self.current, rcond=1e-6)[0] if smooth is None else smooth
+        self.rest = self.current - self.basis @ self.smooth
+        self.rises = _ratio(np.diff(self.rest), np.diff(self.q))
 
     def before(self, q: Floats) -> NDArray[np.int64]:
         """The bin before each position, so that it and the next enclose the position."""
         return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
-
-    def rises(self) -> Floats:
-        """(M - 1,) slopes (A/rad or A/m) of the rest from one bin to the next."""
-        return _ratio(np.diff(self.rest), np.diff(self.q))
 
 
 def _ratio(values: Floats, width: Floats) -> Floats:
@@ -169,7 +148,7 @@ def _inside(a: _OrderedBins, b: _OrderedBins) -> float:
     width, smooth = np.gradient(b.q), b.smooth
     bend = _ratio(np.gradient(b.basis[:, 3]), width)
     harmonic = b.basis[:, 0] * smooth[1] - b.basis[:, 1] * smooth[0] + bend * smooth[3]
-    first, second = a.rises()[a.before(0.5 * (b.q[1:] + b.q[:-1]))], b.rises()
+    first, second = a.rises[a.before(0.5 * (b.q[1:] + b.q[:-1]))], b.rises
     along = 0.5 * (harmonic[1:] + harmonic[:-1])
     inner = np.diff(b.q) ** 2 * (along * (first + second) + first * second)
     spread = float(np.mean((harmonic * width) ** 2) + np.mean(inner)) / 12.0

@@ -7,9 +7,9 @@ Any other motion is left out as a piece whose bins hold the means of all joints.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from pumaid.dataset import Dataset, Log, Reject, Run, coarser
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import JointMotion, Piece, Stretch, record, sliding
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
-from pumaid.preprocessing.options import BOTH, CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
+from pumaid.preprocessing.options import CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
@@ -78,47 +78,27 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     for log in logs:
         segmenter.add(log)
     segmenter.end_file()
-    rejects = sorted(segmenter.rejects.records, key=lambda item: (item.clock, item.start, item.first_row))
-    runs = tuple(segmenter.runs.records)
+    runs, rejects = tuple(segmenter.runs), segmenter.rejects
+    rejects.sort(key=lambda item: (item.clock, item.start, item.first_row))
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
     return Dataset(runs, tuple(rejects), files, (*notes, *clock.notes(runs)), extra)
 
 
-@dataclass(slots=True)
-class BoundedRecords(Generic[Record]):
-    """Records whose bins are halved while they have more than `limits[0]` of them together."""
-
-    limits: tuple[int, int]
-    records: list[Record] = field(default_factory=list)
-    _bins: int = 0
-    _size: int = 1 << 20  # of a record
-
-    def add(self, record: Record | None) -> None:
-        """Collect a record, if there is one."""
-        if record is None:
-            return
-        self.records.append(_coarser(record, self._size))
-        self._bins += _bin_count(self.records[-1])
-        total, fewest = self.limits
-        while self._bins > total and self._size > fewest:
-            self._size = max(fewest, min(self._size, max(map(_bin_count, self.records))) // 2)
-            self.records = [_coarser(record, self._size) for record in self.records]
-            self._bins = sum(map(_bin_count, self.records))
-
-
-def _coarser(record: Record, size: int) -> Record:
-    return record if _bin_count(record) <= size else replace(record, bins=coarser(record.bins, size))  # type: ignore[type-var]
-
-
-def _bin_count(record: Run | Reject) -> int:
-    return 0 if record.bins is None else len(record.bins)
+def bounded(records: list[Record], limits: tuple[int, int]) -> list[Record]:
+    """The records, their bins halved while there are more than `limits[0]` in all, down to `limits[1]` a record."""
+    total, fewest = limits
+    while sum(sizes := [len(record.bins or ()) for record in records]) > total and max(sizes) > fewest:
+        size = max(fewest, max(sizes) // 2)
+        records = [replace(item, bins=item.bins and coarser(item.bins, size)) for item in records]
+    return records
 
 
 class _Segmenter:
     """Takes consecutive batches and leaves runs and rejects, a window of samples at a time."""
 
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
-        self.runs, self.rejects = BoundedRecords[Run](RUN_BINS), BoundedRecords[Reject](REJECT_BINS)
+        self.runs: list[Run] = []
+        self.rejects: list[Reject] = []
         self._robot, self._options = robot, options
         self._clock, self._has_begun = 0, False
         self._batches: list[Log] = []
@@ -150,26 +130,20 @@ class _Segmenter:
 
     def _record(self, log: Log, *, ends: bool) -> int:
         """Make records up to the last movement, or to the end; return where that is."""
-        parts = list(stretches(log, self._options))
-        cut = len(log) if ends else _last_movement(parts, len(log))
+        parts, cut = list(stretches(log, self._options)), len(log)
+        moved = [(stretch.index, stretch.motion) for stretch, _ in parts if stretch.motion is not None]
+        for index, motion in moved[-1:] if not ends else ():
+            last = int(index[motion.ticks.edges[_movements(motion.code)[-1].start]])
+            cut = last if last > len(log) // 2 else cut
         for stretch, pieces in parts:
             low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
             clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
             for piece in (piece for piece in clipped if piece.stop > piece.start):
                 run, reject = record(stretch, piece, self._robot, options=self._options, clock=self._clock)
-                self.runs.add(run)
-                self.rejects.add(reject)
+                self.runs += [run] if run else []
+                self.rejects += [reject] if reject else []
+        self.runs, self.rejects = bounded(self.runs, RUN_BINS), bounded(self.rejects, REJECT_BINS)
         return cut
-
-
-def _last_movement(parts: list[tuple[Stretch, list[Piece]]], size: int) -> int:
-    """Sample with which the last movement begins; `size` where that is in the first half."""
-    moved = [stretch for stretch, _ in parts if stretch.motion is not None]
-    if not moved or moved[-1].motion is None:
-        return size
-    motion = moved[-1].motion
-    start = int(moved[-1].index[motion.ticks.edges[_movements(motion.code)[-1].start]])
-    return start if start > size // 2 else size
 
 
 def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece]]]:
@@ -269,40 +243,45 @@ def _pieces(stretch: Stretch, motion: JointMotion, options: SegmentOptions) -> I
 
 def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
     """Runs and left-out pieces of a movement of one joint."""
-    start, stop = bounds = int(ticks.edges[movement.start]), int(ticks.edges[movement.stop])
     joint, time = abs(movement.code), stretch.time
+    start, stop = ticks.edges[[movement.start, movement.stop]].tolist()
     position = stretch.log.position[:, joint - 1]
-    way, duration = abs(float(position[stop - 1] - position[start])), float(time[stop - 1] - time[start])
-    if way < options.rest_speed * options.min_duration:
+
+    def way(part: Piece) -> float:
+        return abs(float(position[part.stop - 1] - position[part.start]))
+
+    def is_long(part: Piece) -> bool:
+        is_lasting = time[part.stop - 1] - time[part.start] >= options.min_duration
+        return part.stop - part.start >= options.min_samples and is_lasting and way(part) >= options.min_travel
+
+    whole, duration = Piece(start, stop, "ramp", (joint,)), float(time[stop - 1] - time[start])
+    whole = replace(whole, figure=way(whole))
+    if whole.figure < options.rest_speed * options.min_duration:
         return [Piece(start, stop, "rest")]
     if movement.before == movement.after == SEVERAL and duration < LONE:
-        return [Piece(start, stop, "between-several", (joint,), figure=way)]
+        return [replace(whole, label="between-several")]
     constant = [] if options.kinds == STROKE else _constant_velocities(ticks, movement, options)
-    runs = [run for run in constant if _is_long(time, position, run, options)]
-    share = sum(abs(position[run.stop - 1] - position[run.start]) for run in runs) / way
-    is_whole = movement.before is not None and movement.after is not None
-    if runs and (share >= options.plateau_share or not is_whole or options.kinds == CONSTANT):
-        runs = [_unless_drifting(ticks, run, options) for run in runs]
-        return _between(bounds, runs, Piece(start, stop, "ramp", (joint,)))
-    ends_of_motion = (REST, -movement.code)
-    is_stroke = movement.before in ends_of_motion and movement.after in ends_of_motion
-    if options.kinds in (STROKE, BOTH) and is_stroke and way >= options.min_travel:
-        noise = float(ticks.noise[joint - 1]) * float(ticks.edges[1] - ticks.edges[0]) ** 0.5
-        sign = 1.0 if movement.code > 0 else -1.0
-        first, last, window, peak = sliding(time, sign * position, bounds, noise=noise, options=options)
-        stroke = Piece(first, last, STROKE, (joint,), figure=sign * peak, window=window)
-        if last - first < options.min_samples or time[last - 1] - time[first] < options.min_duration:
-            return [Piece(start, stop, "too-short", (joint,), figure=way)]
-        ends = Piece(start, stop, "low-speed", (joint,), figure=peak)
-        return _between(bounds, [_unless_drifting(ticks, stroke, options)], ends)
-    reason = "too-short" if constant or duration < 2 * options.min_duration else "speed-not-constant"
-    return [Piece(start, stop, reason, (joint,), figure=way)]
-
-
-def _is_long(time: Floats, position: Floats, run: Piece, options: SegmentOptions) -> bool:
-    first, last = run.start, run.stop - 1
-    is_far = abs(float(position[last] - position[first])) >= options.min_travel
-    return is_far and time[last] - time[first] >= options.min_duration and run.stop - first >= options.min_samples
+    runs = [run for run in constant if is_long(run)]
+    is_whole = movement.before is not None and movement.after is not None and options.kinds != CONSTANT
+    if not runs or (is_whole and sum(map(way, runs)) < options.plateau_share * whole.figure):
+        runs, label = [], "too-short" if constant or duration < 2 * options.min_duration else "speed-not-constant"
+        whole = replace(whole, label=label)
+        if (
+            is_whole
+            and {movement.before, movement.after} <= {REST, -movement.code}
+            and way(whole) >= options.min_travel
+        ):
+            noise = float(ticks.noise[joint - 1]) * float(ticks.edges[1] - ticks.edges[0]) ** 0.5
+            sign = 1.0 if movement.code > 0 else -1.0
+            first, last, window, peak = sliding(time, sign * position, (start, stop), noise=noise, options=options)
+            stroke = Piece(first, last, STROKE, (joint,), figure=sign * peak, window=window)
+            runs = [stroke] if is_long(stroke) else []
+            whole = replace(whole, label="low-speed", figure=peak) if runs else replace(whole, label="too-short")
+    out, at = [], start
+    for run in runs:
+        out += [replace(whole, start=at, stop=run.start), _unless_drifting(ticks, run, options)]
+        at = run.stop
+    return [piece for piece in (*out, replace(whole, start=at)) if piece.stop > piece.start]
 
 
 def _unless_drifting(ticks: Ticks, piece: Piece, options: SegmentOptions) -> Piece:
@@ -316,15 +295,6 @@ def _unless_drifting(ticks: Ticks, piece: Piece, options: SegmentOptions) -> Pie
         return piece
     joints = (piece.joints[0], worst + 1)
     return Piece(piece.start, piece.stop, "drift-of-held-joint", joints, figure=float(drift[worst]))
-
-
-def _between(bounds: tuple[int, int], runs: list[Piece], rest: Piece) -> list[Piece]:
-    """Runs of one movement and, before, between and behind them, what is left out for the reason of `rest`."""
-    out, at = [], bounds[0]
-    for run in runs:
-        out += [replace(rest, start=at, stop=run.start), run]
-        at = run.stop
-    return [piece for piece in (*out, replace(rest, start=at, stop=bounds[1])) if piece.stop > piece.start]
 
 
 def _joined(pieces: Iterable[Piece]) -> list[Piece]:
@@ -343,31 +313,34 @@ def _joined(pieces: Iterable[Piece]) -> list[Piece]:
 def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
     """Every stretch of constant velocity of one movement, in order of time.
 
-    Ticks whose smoothed speed stays within the tolerance of its median, less those at the ends to whose velocity a ramp
-    may contribute.
+    Ticks whose speed, smoothed as little as noise allows, stays within the tolerance of its median, less those at the
+    ends to whose velocity a ramp may contribute.
     """
-    joint = abs(movement.code)
-    velocity, half = _smoothed_velocity(ticks, movement, options)
-    time, speed = ticks.time[movement.start : movement.stop], np.abs(velocity)
-    error = SPREAD * ticks.slope_error(joint, half)
-    acceleration = slopes(time, velocity, 1)
+    begin, end, joint = movement.start, movement.stop, abs(movement.code)
+    position, time = ticks.position[:, joint - 1], ticks.time[begin:end]
+    duration = max(ticks.interval, float(time[-1] - time[0]))
+    typical = abs(float(position[end - 1] - position[begin])) / duration
+    longest = min(LONGEST_LINE, 0.25 * len(time) * ticks.interval)
+    half = ticks.half_width(joint, options.speed_tolerance * typical / SPREAD, longest)
+    low, high = max(0, begin - half), min(len(ticks), end + half)
+    velocity = slopes(ticks.time[low:high], position[low:high], half)[begin - low : end - low]
+    speed, acceleration, error = np.abs(velocity), slopes(time, velocity, 1), ticks.slope_error(joint, half)
     peak = float(np.abs(acceleration).max())
-    negligible = max(SETTLED * peak, SURE * ticks.slope_error(joint, half) / (2.0**0.5 * ticks.interval))
+    negligible = max(SETTLED * peak, SURE * error / (2.0**0.5 * ticks.interval))
     reach = max(1, round_half_up(0.7 * options.min_duration / ticks.interval))
-    cores = _cores(speed, reach, tolerance=(options.speed_tolerance, error))
     runs = []
-    for start, stop in _one_speed(speed, cores, share=options.speed_tolerance, error=error):
+    for start, stop in _steady(speed, reach, share=options.speed_tolerance, error=SPREAD * error):
         first, last = _settled(acceleration, (start, stop), negligible, longest=round_half_up(END / ticks.interval))
         # Where the data begin or end there is no ramp.
-        if movement.start + start > 0:
+        if begin + start > 0:
             first = max(first, start + round_half_up(SETTLING / ticks.interval))
-        if movement.start + stop < len(ticks):
+        if begin + stop < len(ticks):
             last = min(last, stop - round_half_up(LEAVING / ticks.interval))
         if last - first < 2:
             continue
         level, x = float(np.median(velocity[first:last])), time[first:last] - time[first:last].mean()
         if abs(float(x @ velocity[first:last] / (x @ x))) <= RAMPING * peak:
-            low, high = ticks.edges[[movement.start + first, movement.start + last]].tolist()
+            low, high = ticks.edges[[begin + first, begin + last]].tolist()
             runs.append(Piece(low, high, CONSTANT, (joint,), figure=level))
     return runs
 
@@ -384,62 +357,36 @@ def _settled(acceleration: Floats, core: tuple[int, int], negligible: float, *, 
     return core[0] + int(front), core[1] - int(back)
 
 
-def _smoothed_velocity(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> tuple[Floats, int]:
-    """Velocity (rad/s or m/s) at the movement's ticks, smoothed as little as noise allows, and ticks on each side."""
-    start, stop, joint = movement.start, movement.stop, abs(movement.code)
-    position = ticks.position[:, joint - 1]
-    duration = max(ticks.interval, float(ticks.time[stop - 1] - ticks.time[start]))
-    typical = abs(float(position[stop - 1] - position[start])) / duration
-    longest = min(LONGEST_LINE, 0.25 * (stop - start) * ticks.interval)
-    half = ticks.half_width(joint, options.speed_tolerance * typical / SPREAD, longest)
-    low, high = max(0, start - half), min(len(ticks), stop + half)
-    velocity = slopes(ticks.time[low:high], position[low:high], half)
-    return velocity[start - low : stop - low], half
+def _steady(speed: Floats, reach: int, *, share: float, error: float) -> list[tuple[int, int]]:
+    """Tick ranges longer than `reach` in which the speed stays within relative and absolute tolerance of its median.
 
-
-def _cores(speed: Floats, reach: int, *, tolerance: tuple[float, float]) -> list[tuple[int, int]]:
-    """Tick ranges longer than `reach` in which the speed stays within relative and absolute tolerance of its median."""
-    share, absolute = tolerance
+    Those of one speed with at most a hiccup between them are joined.
+    """
     if len(speed) <= reach:
         return []
-    width = 2 * (reach // 2) + 1
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(speed, width // 2, mode="edge"), width)
-    steady = around.max(axis=1) - around.min(axis=1) <= 2.0 * (share * speed + absolute)
-    cores = []
-    waiting = [(max(0, a - width // 2), min(len(speed), b + width // 2)) for a, b in _true_ranges(steady)]
-    while waiting:
-        start, stop = waiting.pop()
-        level = float(np.median(speed[start:stop]))
-        inside = _true_ranges(np.abs(speed[start:stop] - level) <= share * level + absolute)
-        if not inside:
-            continue
-        first, last = max(inside, key=lambda part: part[1] - part[0])
-        if stop - start - last > reach:
-            waiting.append((start + last, stop))
-        if first > reach:
-            waiting.append((start, start + first))
-        cores.append((start + first, start + last))
-    return sorted(cores)
+    half = reach // 2
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(speed, half, mode="edge"), 2 * half + 1)
+    out: list[tuple[int, int]] = []
+    for a, b in _true_ranges(np.ptp(around, axis=1) <= 2.0 * (share * speed + error)):
+        a, b = max(0, a - half), min(len(speed), b + half)
+        level = float(np.median(speed[a:b]))
+        inside = _true_ranges(np.abs(speed[a:b] - level) <= share * level + error)
+        first, last = max(inside, key=lambda part: part[1] - part[0], default=(0, 0))
+        start, stop = a + first, a + last
+        if out:
+            begin, end = out[-1]
+            before = float(np.median(speed[begin:end]))
+            band = share * before + error
+            is_same = abs(float(np.median(speed[start:stop])) - before) <= band if stop > start else False
+            away = np.abs(speed[end:start] - before).max(initial=0.0)
+            if is_same and away <= HICCUP * band and start - end <= max(end - begin, stop - start):
+                out[-1] = (begin, stop)
+                continue
+        out += [(start, stop)] if stop > start else []
+    return out
 
 
 def _true_ranges(values: Bools) -> list[tuple[int, int]]:
     """[start, stop) of every run of true values."""
     borders = np.flatnonzero(np.diff(values.astype(np.int8), prepend=0, append=0))
     return [(int(a), int(b)) for a, b in borders.reshape(-1, 2)]
-
-
-def _one_speed(speed: Floats, cores: list[tuple[int, int]], *, share: float, error: float) -> list[tuple[int, int]]:
-    """The tick ranges, those of one speed with at most a hiccup between them joined."""
-    out: list[tuple[int, int]] = []
-    for start, stop in cores:
-        if out:
-            first, last = out[-1]
-            level = float(np.median(speed[first:last]))
-            band = share * level + error
-            same = abs(float(np.median(speed[start:stop])) - level) <= band
-            away = np.abs(speed[last:start] - level).max(initial=0.0)
-            if same and away <= HICCUP * band and start - last <= max(last - first, stop - start):
-                out[-1] = (first, stop)
-                continue
-        out.append((start, stop))
-    return out

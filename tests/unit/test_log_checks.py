@@ -131,7 +131,7 @@ CASES = {
     "degrees of many turns": (lambda log: replace(degrees(log), velocity=None), FREE, "LOOKS-LIKE-DEGREES", "turns"),
     "radians read as degrees": (
         lambda log: replace(log, position=np.radians(log.position), velocity=None),
-        {"units": {"position": "deg"}}, "UNITS-DISAGREE", "as radians",
+        {"units": {"position": "deg"}}, "UNITS-DISAGREE", "would fit",
     ),
     "degrees read as such": (lambda log: replace(log, velocity=None), {"units": {"position": "deg"}}, "", ""),
     "velocity in deg/s": (
