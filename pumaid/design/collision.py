@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import Faults, RecipeError, Where
+from pumaid.errors import RecipeError, Where, refuse
 from pumaid.robot import Robot, Safety, Sphere
 from pumaid.trajectory import in_words
 
@@ -26,24 +25,12 @@ _DRAWN = 400
 _TURN, _SLIDE = (-np.pi, np.pi), (-0.5, 0.5)
 
 
-@dataclass(frozen=True, slots=True)
-class Hit:
-    """Where a path comes too near: joint positions (J,) rad or m, the distance (m), and the pair in words."""
+class Shape(NamedTuple):
+    """A geometry of the MuJoCo model."""
 
-    position: Floats
-    distance: float
-    first: str
-    second: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Body:
-    """A geometry of the MuJoCo model: its number, its link (0 for the base), how it is named, its extent (m)."""
-
-    number: int
-    link: int
     label: str
-    extent: float
+    link: int  # 0 for the base
+    extent: float = 0.0  # m from the link's origin to its farthest point
     is_box: bool = False
 
 
@@ -54,17 +41,11 @@ class Collision:
     ------
     RecipeError [safety-always-touching]
         A pair touches in every posture within the limits; a `Faults` where several do.
-
-    Notes
-    -----
-    Paths are checked by conservative advancement: from a posture in which all distances are at least d beyond the
-    margin, no point can use that up before it has gone d, so the next posture looked at is that far away. Nothing
-    between two postures is missed.
     """
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.safety = robot, robot.safety or Safety()
-        self._pairs: list[tuple[_Body, _Body]] = []
+        self._pairs: list[tuple[Shape, Shape]] = []
         if robot.safety is not None:
             self._build()
             self._refuse_what_always_touches()
@@ -74,8 +55,16 @@ class Collision:
         """Whether the recipe forbids nothing."""
         return not self._pairs
 
-    def first_hit(self, start: Floats, end: Floats) -> Hit | None:
-        """Where the straight path from `start` to `end` (J,), rad or m, first comes too near; None where it is free."""
+    def first_hit(self, start: Floats, end: Floats) -> str | None:
+        """Where the straight path from `start` to `end` (J,), rad or m, first comes too near; None where it is free.
+
+        One sentence: what comes near to what, and at which joint positions.
+
+        Notes
+        -----
+        Conservative advancement: from a posture in which all distances are at least d beyond the margin, no point can
+        use that up before it has gone d, so the next posture looked at is that far away and nothing is missed.
+        """
         if self.is_free:
             return None
         rates, share, margin = self._reach @ np.abs(end - start), 0.0, self.safety.margin
@@ -84,20 +73,15 @@ class Collision:
             distance = self.distances(position)
             nearest = int(distance.argmin())
             if distance[nearest] < margin + TOLERANCE:
-                first, second = self._pairs[nearest]
-                return Hit(position, float(distance[nearest]), first.label, second.label)
+                outer, inner = self._pairs[nearest]
+                return (
+                    f"{outer.label} comes nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm where the"
+                    f" joints are at {in_words(self.robot, position)}"
+                )
             if share >= 1.0:
                 return None
             with np.errstate(divide="ignore"):
                 share = min(1.0, share + float(np.min((distance - margin) / rates)))
-
-    def describe(self, hit: Hit) -> str:
-        """One sentence: what comes near to what, and at which joint positions."""
-        margin = 1e3 * self.safety.margin
-        return (
-            f"{hit.first} comes nearer to {hit.second} than the margin of {margin:.0f} mm where the joints are at"
-            f" {in_words(self.robot, hit.position)}"
-        )
 
     def distances(self, position: Floats) -> Floats:
         """(P,) m between the P pairs at joint positions (J,), negative where they overlap."""
@@ -106,13 +90,13 @@ class Collision:
         self._data.qpos[:] = position
         mujoco.mj_kinematics(self._model, self._data)
         measure, model, data = mujoco.mj_geomDistance, self._model, self._data
-        return np.array([measure(model, data, a.number, b.number, _FAR, None) for a, b in self._pairs])
+        return np.array([measure(model, data, outer, inner, _FAR, None) for outer, inner in self._geometries])
 
     def _build(self) -> None:
-        """The MuJoCo model: a chain of bodies with the recipe's shapes on them."""
+        """The MuJoCo model: a chain of bodies with the recipe's shapes on them, and the pairs that are checked."""
         import mujoco
 
-        spec, safety = mujoco.MjSpec(), self.safety
+        spec, safety, last = mujoco.MjSpec(), self.safety, self.robot.n_joints
         bodies = [spec.worldbody]
         for joint in self.robot.joints:
             quaternion = np.empty(4)
@@ -122,40 +106,36 @@ class Collision:
             body.add_joint(type=kind, axis=[0, 0, 1])
             body.mass, body.inertia = 1.0, [1.0, 1.0, 1.0]  # a moving body must have some
             bodies.append(body)
-        tip = Sphere(self.robot.n_joints, safety.tool or (0.0, 0.0, 0.0), _POINT)
-        ball, block = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_BOX
-        spheres = [tip, *safety.spheres]
-        shapes = []
-        for number, sphere in enumerate(spheres):
-            bodies[sphere.link].add_geom(name=f"s{number}", type=ball, pos=sphere.centre, size=[sphere.radius, 0, 0])
-        for number, box in enumerate(safety.boxes):
+        shapes = list[Shape]()
+        for number, sphere in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
+            size = [sphere.radius, 0, 0]
+            bodies[sphere.link].add_geom(name=str(len(shapes)), pos=sphere.centre, size=size)
+            label = f"sphere {number} of {f'link {sphere.link}' if sphere.link else 'the base'}"
+            extent = float(np.linalg.norm(sphere.centre)) + sphere.radius
+            shapes.append(Shape(label if number else "the tip", sphere.link, extent))
+        for box in safety.boxes:
             low, high = np.array(box.low), np.array(box.high)
-            spec.worldbody.add_geom(name=f"b{number}", type=block, pos=(low + high) / 2, size=(high - low) / 2)
+            place, half = (low + high) / 2, (high - low) / 2
+            spec.worldbody.add_geom(name=str(len(shapes)), type=mujoco.mjtGeom.mjGEOM_BOX, pos=place, size=half)
+            shapes.append(Shape(f"the box '{box.name}'", 0, is_box=True))
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
-        for number, sphere in enumerate(spheres):
-            link = f"link {sphere.link}" if sphere.link else "the base"
-            label = f"sphere {number} of {link}" if number else "the tip"
-            extent = float(np.linalg.norm(sphere.centre)) + sphere.radius
-            shapes.append(_Body(self._model.geom(f"s{number}").id, sphere.link, label, extent))
-        for number, box in enumerate(safety.boxes):
-            shapes.append(_Body(self._model.geom(f"b{number}").id, 0, f"the box '{box.name}'", 0.0, is_box=True))
-        self._pairs = [
-            (outer, inner) for outer in shapes for inner in shapes if self._may_meet(outer, inner, tip=shapes[0])
+        geometry = [self._model.geom(str(number)).id for number in range(len(shapes))]
+        pairs = [
+            (first, second)
+            for first, outer in enumerate(shapes)
+            for second, inner in enumerate(shapes)
+            if outer.link and (inner.is_box or (self._may_meet(outer, inner) and (safety.tool or first)))
         ]
-        self._reach = np.array([self._lever(outer, inner) for outer, inner in self._pairs])
+        self._pairs = [(shapes[first], shapes[second]) for first, second in pairs]
+        self._geometries = [(geometry[first], geometry[second]) for first, second in pairs]
+        self._reach = np.array([self._lever(*pair) for pair in self._pairs])
 
-    def _may_meet(self, outer: _Body, inner: _Body, *, tip: _Body) -> bool:
-        """Whether a pair is checked: spheres of moving links with boxes, and with spheres of links not adjacent."""
-        if outer.is_box or outer.link == 0:
-            return False
-        if inner.is_box:
-            return True
-        # Without a stated tool the tip is the wrist's centre, which lies inside the wrist's own sphere.
-        is_stated = self.safety.tool is not None or tip not in (outer, inner)
-        return is_stated and outer.link > inner.link + 1 and (inner.link, outer.link) not in self.safety.ignore
+    def _may_meet(self, outer: Shape, inner: Shape) -> bool:
+        """Whether spheres are checked: those of links that are not adjacent, the inner first."""
+        return outer.link > inner.link + 1 and (inner.link, outer.link) not in self.safety.ignore
 
-    def _lever(self, outer: _Body, inner: _Body) -> Floats:
+    def _lever(self, outer: Shape, inner: Shape) -> Floats:
         """(J,) m a rad, or m a m: how far each joint takes the outer shape at most, seen from the inner one."""
         out, length = np.zeros(self.robot.n_joints), outer.extent
         for joint in reversed(self.robot.joints[inner.link : outer.link]):
@@ -165,21 +145,18 @@ class Collision:
         return out
 
     def _refuse_what_always_touches(self) -> None:
-        joints = self.robot.joints
+        joints, margin, faults = self.robot.joints, self.safety.margin, []
         low, high = np.transpose([joint.limits or (_TURN if joint.is_revolute else _SLIDE) for joint in joints])
         rng = np.random.default_rng(0)
         distance = np.array([self.distances(position) for position in rng.uniform(low, high, (_DRAWN, len(low)))])
-        always = np.flatnonzero((distance < self.safety.margin).all(axis=0))
-        if faults := [self._fault(*self._pairs[pair]) for pair in always]:
-            raise faults[0] if len(faults) == 1 else Faults(faults)
-
-    def _fault(self, outer: _Body, inner: _Body) -> RecipeError:
-        margin = 1e3 * self.safety.margin
-        what = (
-            f"{outer.label} is nearer to {inner.label} than the margin of {margin:.0f} mm in all of {_DRAWN} random"
-            " postures within the limits, so no posture is allowed"
-        )
-        mend = f"make the spheres smaller, or add {[inner.link, outer.link]} to safety.ignore"
-        if inner.is_box:
-            mend = "make the box smaller; a sphere that does not move belongs to link 0, which may stand in a box"
-        return RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend)
+        for pair in np.flatnonzero((distance < margin).all(axis=0)):
+            outer, inner = self._pairs[pair]
+            what = (
+                f"{outer.label} is nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm in all of {_DRAWN}"
+                " random postures within the limits, so no posture is allowed"
+            )
+            mend = f"make the spheres smaller, or add {[inner.link, outer.link]} to safety.ignore"
+            if inner.is_box:
+                mend = "make the box smaller; a sphere that does not move belongs to link 0, which may stand in a box"
+            faults.append(RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend))
+        refuse(faults)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -186,13 +186,20 @@ class Exchange:
         """A set (C,) after exchanges, while they lower the value; `required` (C,) stay; `tell` gets each new value."""
         value = self.objective.value(counts)
         for _ in range(_ROUNDS):
-            trials = (self._refilled(counts, removed) for removed in self._removals(counts, required))
-            better = (trial for trial in trials if trial is not None)
-            counts_then = next((trial for trial in better if self.objective.value(trial) < value - _ENOUGH), None)
-            if counts_then is None:
+            free = np.flatnonzero(counts > required)
+            worth = rounded((self.objective.falls(counts) / self.seconds)[free])
+            for candidate in free[np.argsort(worth, kind="stable")[:_TRIED]]:  # the least useful for their cost
+                fewer = _changed(counts, candidate, -1)
+                best = self._best_addition(fewer)
+                if best is None or best == candidate:
+                    continue
+                trial = self.filled(_changed(fewer, best, 1))
+                if self.objective.value(trial) < value - _ENOUGH:
+                    counts, value = trial, self.objective.value(trial)
+                    tell(value)
+                    break
+            else:
                 break
-            counts, value = counts_then, self.objective.value(counts_then)
-            tell(value)
         return counts
 
     def _best_addition(self, counts: Counts) -> int | None:
@@ -207,29 +214,6 @@ class Exchange:
         top = top[np.argsort(-rounded(rate[top]), kind="stable")[:_EVALUATED]]
         gain = (self.objective.value(counts) - self.objective.values_with(counts, top)) / costs[top]
         return int(top[np.argmax(rounded(gain))])
-
-    def _refilled(self, counts: Counts, removed: Counts) -> Counts | None:
-        """The set without what is removed and with what then fits; None where that is the same again."""
-        fewer = counts - removed
-        best = self._best_addition(fewer)
-        if best is None or (removed.sum() == 1 and removed[best]):
-            return None
-        return self.filled(_changed(fewer, best, 1))
-
-    def _removals(self, counts: Counts, required: Counts) -> Iterator[Counts]:
-        """What may be taken out, single candidates first, then whole blocks, the least useful for their cost first."""
-        used = np.flatnonzero(counts)
-        worth = np.zeros(len(counts))
-        worth[used] = self.objective.falls(counts)[used]
-        single = np.flatnonzero(counts > required)
-        order = np.argsort(rounded((worth / self.seconds)[single]), kind="stable")
-        for candidate in single[order[:_TRIED]]:
-            yield _changed(np.zeros_like(counts), candidate, 1)
-        blocks = [used[self.block[used] == block] for block in np.unique(self.block[used])]
-        blocks = [block for block in blocks if not required[block].any()]
-        rates = np.array([worth[b].sum() / (self.seconds[b].sum() + self.opening[b[0]]) for b in blocks])
-        for place in np.argsort(rounded(rates), kind="stable")[:_TRIED]:
-            yield np.where(self.block == self.block[blocks[place][0]], counts, 0)
 
 
 def _changed(counts: Counts, candidate: int, by: int) -> Counts:

@@ -198,7 +198,7 @@ def collision_notes(robot: Robot, given: Plan) -> list[Note]:
         if (hit := collision.first_hit(step.start, step.end)) is not None:
             way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
             joint = None if step.motion is None else step.motion.joint
-            text = f"{way} {step.number}: {collision.describe(hit)}"
+            text = f"{way} {step.number}: {hit}"
             out.append(Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]")))
     return out
 

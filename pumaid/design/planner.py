@@ -218,7 +218,7 @@ class Planner:
         moving = np.arange(self.robot.n_joints) == joint - 1
         start, end = (np.where(moving, place, holds[0]) for place in (ways[0].low, ways[0].high))
         hit, name = self.collision.first_hit(start, end), self.robot.joint(joint).name
-        why = "" if hit is None else f"; at home: {self.collision.describe(hit)}"
+        why = "" if hit is None else f"; at home: {hit}"
         raise ModelError(
             "plan-unsafe",
             f"joint {joint} ({name}) collides in all of {len(holds)} postures of the others{why}",

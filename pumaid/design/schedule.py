@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import Block
-from pumaid.design.collision import Collision, Hit
+from pumaid.design.collision import Collision
 from pumaid.errors import ModelError, Where
 from pumaid.robot import Robot
 from pumaid.trajectory import MOVE_SHARE, Motion, highest_speeds
@@ -44,107 +44,79 @@ def schedule(
     """
     parts = list(passes)
     if 0 < len(passes) <= _FEW and collision.is_free:  # with obstacles, fewer blocks at a time leave fewer free ways
-        parts = [*_fastest_first(passes[0]), *passes[1:]]
+        fits = [block for block in passes[0] if block.purpose == "fit"]
+        fits.sort(key=lambda block: max(sweep.speed for sweep in block.sweeps))
+        fastest = {block.joint: block for block in fits}
+        is_first = [block is fastest.get(block.joint) for block in passes[0]]
+        halves = [[b for b, first in zip(passes[0], is_first, strict=True) if first is half] for half in (True, False)]
+        parts = [*halves, *passes[1:]]
     parts = [[_shuffled(block, rng) for block in part] for part in parts if part]
     out: list[Motion] = []
-    now: Floats | None = None
+    now: Sequence[float] | None = None
     for part, later in zip(parts, [*parts[1:], []], strict=True):
-        order = _Order(robot, part, now, later, collision=collision).shortest(rng)
+        order = _shortest(robot, part, [now, *(block.hold for block in later)], collision=collision, rng=rng)
         out += [motion for k in order for motion in part[k].motions]
-        now = np.array(part[order[-1]].hold)
+        now = part[order[-1]].hold
     return tuple(out)
-
-
-def _fastest_first(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
-    """The block with the highest speed of every joint, and the others."""
-    fastest: dict[int, Block] = {}
-    for block in blocks:
-        if block.purpose == "fit" and _top_speed(block) > _top_speed(fastest.get(block.joint)):
-            fastest[block.joint] = block
-    first = [block for block in blocks if block is fastest.get(block.joint)]
-    return first, [block for block in blocks if block is not fastest.get(block.joint)]
-
-
-def _top_speed(block: Block | None) -> float:
-    """Highest speed of its sweeps, rad/s or m/s."""
-    return max(sweep.speed for sweep in block.sweeps) if block else 0.0
 
 
 def _shuffled(block: Block, rng: np.random.Generator) -> Block:
     return replace(block, sweeps=tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps))))
 
 
-class _Order:
-    """Orders of a pass's B blocks, by the time of the moves to, between and from them."""
+def _shortest(
+    robot: Robot,
+    blocks: Sequence[Block],
+    around: Sequence[Sequence[float] | None],
+    *,
+    collision: Collision,
+    rng: np.random.Generator,
+) -> list[int]:
+    """The shortest order of B blocks whose moves are free of collisions.
 
-    def __init__(
-        self, robot: Robot, blocks: Sequence[Block], now: Floats | None, later: Sequence[Block], *, collision: Collision
-    ) -> None:
-        self.blocks, self.now, self.collision = blocks, now, collision
-        pace, self.places = MOVE_SHARE * highest_speeds(robot), np.array([block.hold for block in blocks])
-        self.later = [np.array(block.hold) for block in later]
-        # To the microsecond: an order and its reverse take equally long, and rounding must not choose between them.
-        self.between = np.round(np.max(np.abs(self.places[:, None] - self.places) / pace, axis=2), 6)
-        self.into, self.out_of = np.zeros(len(blocks)), np.zeros(len(blocks))
-        if now is not None:
-            self.into = np.round(np.max(np.abs(self.places - now) / pace, axis=1), 6)
-        self.struck: Counter[int] = Counter()
-        self.hit: Hit | None = None
+    `around` are the posture in which the arm stands (None: in any) and those to one of which it goes afterwards.
+    """
+    count, (now, *later) = len(blocks), around
+    places = np.array([*(block.hold for block in blocks), blocks[0].hold if now is None else now])
+    # s of moves between blocks, from the start (node B) and to the end (node B + 1), which costs nothing. To the
+    # microsecond: an order and its reverse take equally long, and rounding must not choose between them.
+    cost, pace = np.zeros((count + 2, count + 2)), MOVE_SHARE * highest_speeds(robot)
+    cost[:-1, :-1] = np.round(np.max(np.abs(places[:, None] - places) / pace, axis=2), 6)
+    cost[count] *= now is not None
+    struck, hit = Counter[int](), ""
 
-    def shortest(self, rng: np.random.Generator) -> list[int]:
-        """The shortest order whose moves are free of collisions."""
-        for _ in range(1 if self.collision.is_free else _ROUNDS):
-            orders = [self._improved(rng.permutation(len(self.blocks)).tolist()) for _ in range(_STARTS)]
-            orders.sort(key=self._length)
-            free = next((order for order in orders if self._is_free(order)), None)
-            if free is not None:
-                return free
-        (block, _), *_ = self.struck.most_common(1)
-        joint, hit = self.blocks[block].joint, self.hit
-        assert hit is not None
-        raise ModelError(
-            "plan-unsafe",
-            f"no way leads to or from a posture of joint {joint} without a collision: {self.collision.describe(hit)}",
-            Where(joint=joint),
-            "narrow the limits, give fewer postures, or correct the recipe's boxes and spheres",
-        )
+    def length(path: Sequence[int]) -> float:
+        return round(float(np.sum(cost[path[:-1], path[1:]])), 6)
 
-    def _length(self, order: Sequence[int]) -> float:
-        way = self.into[order[0]] + np.sum(self.between[order[:-1], order[1:]]) + self.out_of[order[-1]]
-        return round(float(way), 6)
+    for _ in range(1 if collision.is_free else _ROUNDS):
+        paths = [_improved(cost, rng.permutation(count).tolist()) for _ in range(_STARTS)]
+        for path in sorted(paths, key=length):
+            if length(path) >= _STRUCK:
+                continue
+            for before, after in itertools.pairwise(path if now is not None else path[1:]):
+                ends = [places[after]] if after <= count else [np.array(place) for place in later]
+                hits = [collision.first_hit(places[before], end) for end in ends]
+                if hits and all(hits):
+                    cost[before, after] = _STRUCK
+                    struck[before if after > count else after] += 1
+                    hit = hits[0] or ""
+            if length(path) < _STRUCK:
+                return path[1:-1]
+    ((block, _),) = struck.most_common(1)
+    raise ModelError(
+        "plan-unsafe",
+        f"no way leads to or from a posture of joint {blocks[block].joint} without a collision: {hit}",
+        Where(joint=blocks[block].joint),
+        "narrow the limits, give fewer postures, or correct the recipe's boxes and spheres",
+    )
 
-    def _improved(self, order: list[int]) -> list[int]:
-        """An order after each block has been put where it makes the way shortest, twice."""
-        between = self.between
-        for block in 2 * list(order) if len(order) > 1 else ():
-            rest = [k for k in order if k != block]
-            added = np.empty(len(order))
-            added[0] = self.into[block] + between[block, rest[0]] - self.into[rest[0]]
-            added[1:-1] = between[rest[:-1], block] + between[block, rest[1:]] - between[rest[:-1], rest[1:]]
-            added[-1] = between[rest[-1], block] + self.out_of[block] - self.out_of[rest[-1]]
-            place = int(np.argmin(np.round(added, 6)))
-            order = [*rest[:place], block, *rest[place:]]
-        return order
 
-    def _is_free(self, order: Sequence[int]) -> bool:
-        """Whether the moves of an order are free; those that are not become expensive."""
-        if self.collision.is_free:
-            return True
-        if self._length(order) >= _STRUCK:
-            return False
-        first, last, places = order[0], order[-1], self.places
-        if self.now is not None and self._strikes(self.now, places[first], first):
-            self.into[first] = _STRUCK
-        for before, after in itertools.pairwise(order):
-            if self._strikes(places[before], places[after], after):
-                self.between[before, after] = _STRUCK
-        if self.later and all(self._strikes(places[last], place, last) for place in self.later):
-            self.out_of[last] = _STRUCK
-        return self._length(order) < _STRUCK
-
-    def _strikes(self, start: Floats, end: Floats, block: int) -> bool:
-        hit = self.collision.first_hit(start, end)
-        if hit is not None:
-            self.hit = hit
-            self.struck[block] += 1
-        return hit is not None
+def _improved(cost: Floats, order: list[int]) -> list[int]:
+    """The path from the start over all blocks to the end, each put where it makes the way shortest, twice."""
+    start, end = len(order), len(order) + 1
+    for block in 2 * list(order):
+        rest = [k for k in order if k != block]
+        before, after = [start, *rest], [*rest, end]
+        place = int(np.argmin(np.round(cost[before, block] + cost[block, after] - cost[before, after], 6)))
+        order = [*rest[:place], block, *rest[place:]]
+    return [start, *order, end]
