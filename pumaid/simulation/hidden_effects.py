@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +66,8 @@ class JointState:
     joint: int
     side: float
 
-    def of(self, quantity: str) -> Floats:
-        """(N,) values of a quantity of the arm at this joint."""
+    def __getattr__(self, quantity: str) -> Floats:
+        """(N,) values of any other quantity of the arm at this joint."""
         column: Floats = getattr(self.arm, quantity)[..., self.joint - 1]
         return column
 
@@ -78,12 +79,12 @@ class JointState:
     @property
     def speed(self) -> Floats:
         """(N,) rad/s or m/s, not negative."""
-        return np.abs(self.of("velocity"))
+        return np.abs(self.velocity)
 
     @property
     def opposing(self) -> Floats:
         """(N,) direction of a current that overcomes friction: +1, -1, 0 at rest."""
-        return np.asarray(self.side * np.sign(self.of("velocity")))
+        return np.asarray(self.side * np.sign(self.velocity))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,13 +114,10 @@ class Kind(Enum):
     CLOCK = "stamps the current late"
 
 
-@dataclass(frozen=True, slots=True)
-class Law:
+class Law(NamedTuple):
     """One law, which acts in the current of the joint that its value ``on`` names; without such a value in its own."""
 
     kind: Kind
-    keys: tuple[str, ...]  # names of its values, those of the catalogue's parameters and shapes
-    usual: Callable[[Typical], tuple[float, ...]]  # values that show at a joint like that but do not rule it
     # (N,) A by the joint's state, the whole current before a law that changes it, and the values; none for laws of
     # bodies and clocks, which the virtual robot applies itself.
     current: Callable[..., Floats] | None = None
@@ -129,132 +127,92 @@ class Law:
 
 def _counterbalance(at: JointState, a: float, length: float, angle: float) -> Floats:
     """A constant force along a cylinder from a foot at distance 1 to a lever of length c: force times lever arm."""
-    turned = at.of("position") - angle
+    turned = at.position - angle
     along = np.stack([length * np.cos(turned) - 1.0, length * np.sin(turned)])
     along = along / np.sqrt(along[0] ** 2 + along[1] ** 2)
     return np.asarray(a * (np.cos(turned) * along[1] - np.sin(turned) * along[0]))
 
 
 def _load_friction(at: JointState, drive: float, back: float) -> Floats:
-    load = at.of("load")
-    return np.asarray(np.abs(load) * np.where(load * at.opposing > 0, drive, back))
+    return np.asarray(np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back))
 
 
 def _waves(at: JointState, cos: float, sin: float, frequency: float) -> Floats:
-    angle = frequency * at.of("position")
+    angle = frequency * at.position
     return np.asarray(cos * np.cos(angle) + sin * np.sin(angle))
+
+
+def _drift(at: JointState, current: Floats, a: float, time_constant: float) -> Floats:
+    return np.asarray(current - a * current * np.expm1(-np.maximum(at.time, 0) / time_constant))
 
 
 #: Name of the effect -> law; those of the whole current in the order in which they act.
 LAWS = {
-    "stribeck": Law(
-        Kind.FRICTION,
-        ("a", "velocity", "exponent"),
-        lambda joint: (0.4 * joint.coulomb, 0.2 * joint.speed, 1.0),
-        lambda at, a, velocity, exponent: a * np.exp(-((at.speed / velocity) ** exponent)),
-    ),
-    "viscous_power": Law(
-        Kind.FRICTION,
-        ("b", "exponent"),
-        # As much as Coulomb friction at the highest speed: all but a tenth of it passes for viscous friction.
-        lambda joint: (joint.coulomb / joint.speed**0.4, 0.4),
-        lambda at, b, exponent: b * at.speed**exponent,
-    ),
-    "load_friction": Law(Kind.FRICTION, ("drive", "back"), lambda joint: (0.15, 0.1), _load_friction),
-    "side_load_friction": Law(
-        Kind.FRICTION,
-        ("mu",),
-        lambda joint: (0.4 * joint.coulomb / joint.across,),
-        lambda at, mu: mu * at.of("across"),
-        needs_masses=True,
-    ),
-    "position_friction": Law(
-        Kind.FRICTION,
-        ("cos", "sin", "harmonic"),
-        lambda joint: (0.25 * joint.coulomb, 0.2 * joint.coulomb, 2.0),
-        _waves,
-    ),
-    "ripple": Law(
-        Kind.LOAD,
-        ("cos", "sin", "frequency"),
-        # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.
-        lambda joint: (0.15 * joint.coulomb, 0.1 * joint.coulomb, float(round(20 * np.pi / joint.half_span))),
-        _waves,
-    ),
-    "spring": Law(
-        Kind.LOAD, ("a",), lambda joint: (joint.coulomb / joint.half_span,), lambda at, a: a * at.of("position")
-    ),
-    "counterbalance": Law(
-        Kind.LOAD, ("a", "length", "angle"), lambda joint: (joint.coulomb, 0.6, 0.5), _counterbalance
-    ),
-    "presliding": Law(
-        Kind.FRICTION,
-        ("a", "travel"),
-        lambda joint: (0.6 * joint.coulomb, 0.08 * joint.half_span),
-        lambda at, a, travel: -a * np.exp(-at.of("travel") / travel),
-    ),
-    "inertia": Law(
-        Kind.LOAD,
-        ("J",),
-        lambda joint: (0.5 * joint.coulomb / joint.acceleration,),
-        lambda at, J: at.side * J * at.of("acceleration"),
-    ),
-    "delay": Law(Kind.CLOCK, ("dt",), lambda joint: (0.04,)),
-    "warmup": Law(
-        Kind.FRICTION,
-        ("a", "time_constant"),
-        lambda joint: (0.4 * joint.coulomb, 600.0),
-        lambda at, a, time_constant: a * np.exp(-at.time / time_constant),
-    ),
-    "friction_step": Law(
-        Kind.FRICTION,
-        ("a", "time"),
-        lambda joint: (0.3 * joint.coulomb, 600.0),
-        lambda at, a, time: a * (at.time > time),
-    ),
-    # Grease thins: a twentieth of the friction is gone with every degree of the first ten.
-    "thermal_friction": Law(
-        Kind.FRICTION,
-        ("a",),
-        lambda joint: (-0.05 * joint.coulomb,),
-        lambda at, a: a * (at.of("temperature") - AMBIENT),
-    ),
-    "tilt": Law(Kind.BODY, ("x", "y"), lambda joint: (0.04, -0.03), is_of_arm=True),
-    "zero_offset": Law(Kind.BODY, ("delta",), lambda joint: (0.06,)),
-    "payload": Law(
-        Kind.BODY,
-        ("mass", "x", "y", "z", "time"),
-        lambda joint: (joint.last_mass, 0.0, 0.03 * joint.reach, 0.05 * joint.reach, 600.0),
-        is_of_arm=True,
-        needs_masses=True,
-    ),
-    "flexibility": Law(Kind.BODY, ("c",), lambda joint: (0.08 / joint.peak_load,)),
-    "coupling": Law(
-        Kind.LOAD,
-        ("c", "on"),
-        # On the motor before: a drive passes through the joints before its own.
-        lambda joint: (0.4 * joint.coulomb_before / joint.load, float(joint.joint - 1 if joint.joint > 1 else 2)),
-        lambda at, c, on: c * (at.of("load") + at.of("friction")),
-    ),
-    "torque_constant_drift": Law(
-        Kind.CURRENT,
-        ("a", "time_constant"),
-        lambda joint: (0.15, 600.0),
-        lambda at, current, a, time_constant: current - a * current * np.expm1(-np.maximum(at.time, 0) / time_constant),
-    ),
-    "torque_droop": Law(
-        Kind.CURRENT,
-        ("a",),
-        lambda joint: (0.3 / (joint.peak_load + joint.coulomb) ** 2,),
-        lambda at, current, a: current + a * current**3,
-    ),
-    "saturation": Law(
-        Kind.CURRENT,
-        ("limit",),
-        lambda joint: (0.75 * joint.peak_load + joint.coulomb,),
-        lambda at, current, limit: np.clip(current, -limit, limit),
-    ),
+    "stribeck": Law(Kind.FRICTION, lambda at, a, velocity, exponent: a * np.exp(-((at.speed / velocity) ** exponent))),
+    "viscous_power": Law(Kind.FRICTION, lambda at, b, exponent: b * at.speed**exponent),
+    "load_friction": Law(Kind.FRICTION, _load_friction),
+    "side_load_friction": Law(Kind.FRICTION, lambda at, mu: mu * at.across, needs_masses=True),
+    "position_friction": Law(Kind.FRICTION, lambda at, cos, sin, harmonic: _waves(at, cos, sin, harmonic)),
+    "ripple": Law(Kind.LOAD, _waves),
+    "spring": Law(Kind.LOAD, lambda at, a: a * at.position),
+    "counterbalance": Law(Kind.LOAD, _counterbalance),
+    "presliding": Law(Kind.FRICTION, lambda at, a, travel: -a * np.exp(-at.travel / travel)),
+    "inertia": Law(Kind.LOAD, lambda at, J: at.side * J * at.acceleration),
+    "delay": Law(Kind.CLOCK),
+    "warmup": Law(Kind.FRICTION, lambda at, a, time_constant: a * np.exp(-at.time / time_constant)),
+    "friction_step": Law(Kind.FRICTION, lambda at, a, time: a * (at.time > time)),
+    "thermal_friction": Law(Kind.FRICTION, lambda at, a: a * (at.temperature - AMBIENT)),
+    "tilt": Law(Kind.BODY, is_of_arm=True),
+    "zero_offset": Law(Kind.BODY),
+    "payload": Law(Kind.BODY, is_of_arm=True, needs_masses=True),
+    "flexibility": Law(Kind.BODY),
+    "coupling": Law(Kind.LOAD, lambda at, c, on: c * (at.load + at.friction)),
+    "torque_constant_drift": Law(Kind.CURRENT, _drift),
+    "torque_droop": Law(Kind.CURRENT, lambda at, current, a: current + a * current**3),
+    "saturation": Law(Kind.CURRENT, lambda at, current, limit: np.clip(current, -limit, limit)),
 }
+
+
+def usual_values(joint: Typical) -> dict[str, dict[str, float]]:
+    """Values of every effect by the names that the catalogue has; they show at a joint like that but do not rule it.
+
+    They are not finite where they follow from a weight and the joint carries none.
+    """
+    c, half, peak, reach = joint.coulomb, joint.half_span, joint.peak_load, joint.reach
+    with np.errstate(all="ignore"):
+        usual = {
+            "stribeck": {"a": 0.4 * c, "velocity": 0.2 * joint.speed, "exponent": 1.0},
+            # As much as Coulomb friction at the highest speed: all but a tenth of it passes for viscous friction.
+            "viscous_power": {"b": c / joint.speed**0.4, "exponent": 0.4},
+            "load_friction": {"drive": 0.15, "back": 0.1},
+            "side_load_friction": {"mu": 0.4 * c / np.float64(joint.across)},
+            "position_friction": {"cos": 0.25 * c, "sin": 0.2 * c, "harmonic": 2.0},
+            # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.
+            "ripple": {"cos": 0.15 * c, "sin": 0.1 * c, "frequency": round(20 * np.pi / half)},
+            "spring": {"a": c / half},
+            "counterbalance": {"a": c, "length": 0.6, "angle": 0.5},
+            "presliding": {"a": 0.6 * c, "travel": 0.08 * half},
+            "inertia": {"J": 0.5 * c / joint.acceleration},
+            "delay": {"dt": 0.04},
+            "warmup": {"a": 0.4 * c, "time_constant": 600.0},
+            "friction_step": {"a": 0.3 * c, "time": 600.0},
+            # Grease thins: a twentieth of the friction is gone with every degree of the first ten.
+            "thermal_friction": {"a": -0.05 * c},
+            "tilt": {"x": 0.04, "y": -0.03},
+            "zero_offset": {"delta": 0.06},
+            "payload": {"mass": joint.last_mass, "x": 0.0, "y": 0.03 * reach, "z": 0.05 * reach, "time": 600.0},
+            "flexibility": {"c": 0.08 / np.float64(peak)},
+            # On the motor before: a drive passes through the joints before its own.
+            "coupling": {"c": 0.4 * joint.coulomb_before / np.float64(joint.load), "on": joint.joint - 1 or 2},
+            "torque_constant_drift": {"a": 0.15, "time_constant": 600.0},
+            "torque_droop": {"a": 0.3 / (peak + c) ** 2},
+            "saturation": {"limit": 0.75 * peak + c},
+        }
+    return {name: {key: float(f"{v:.{_DIGITS}g}") for key, v in values.items()} for name, values in usual.items()}
+
+
+#: Name of the effect -> names of its values.
+KEYS = {name: tuple(values) for name, values in usual_values(Typical(1, *[1.0] * 10)).items()}
 
 
 def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Floats | float:
@@ -264,7 +222,7 @@ def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Floats | floa
         law, values = LAWS[effect.effect], effect.values
         if law.kind is kind and law.current and values.get("on", effect.joint) in (None, at.joint):
             cause = JointState(at.arm, effect.joint or at.joint, at.side)
-            total = total + law.current(cause, *(values[key] for key in law.keys))
+            total = total + law.current(cause, **values)
     return total
 
 
@@ -273,7 +231,7 @@ def whole(hidden: Sequence[Hidden], at: JointState, current: Floats) -> Floats:
     for name, law in LAWS.items():
         for effect in hidden:
             if effect.effect == name and law.kind is Kind.CURRENT and law.current and effect.joint in (None, at.joint):
-                current = law.current(at, current, *(effect.values[key] for key in law.keys))
+                current = law.current(at, current, **effect.values)
     return current
 
 
@@ -311,27 +269,16 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: boo
         if law.needs_masses and not has_masses:
             what = f"the arm is known by its constants in amperes alone, and {effect.effect} needs its masses"
             raise ModelError("hide-wrong", what, place, "leave out --truth table1")
-        is_for_all = effect.joint is None and not law.is_of_arm
-        joints = usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]
-        full = [
-            Hidden(effect.effect, joint.joint if is_for_all else effect.joint, _usual(law, joint) | effect.values)
-            for joint in joints
-        ]
-        finite = [entry for entry in full if all(map(math.isfinite, entry.values.values()))]
-        if not finite:
-            what = f"joint {effect.joint} carries no weight, and {effect.effect} follows the weight"
+        is_for_all, before = effect.joint is None and not law.is_of_arm, len(out)
+        for joint in usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]:
+            values = usual_values(joint)[effect.effect] | effect.values
+            if all(map(math.isfinite, values.values())):
+                out.append(Hidden(effect.effect, joint.joint if is_for_all else effect.joint, values))
+        if len(out) == before:
+            at = "none of the joints carries" if is_for_all else f"joint {effect.joint} does not carry"
+            what = f"{at} weight, and {effect.effect} follows the weight"
             raise ModelError("hide-wrong", what, place, "name a joint that carries weight")
-        out += finite
     return tuple(out)
-
-
-def _usual(law: Law, joint: Typical) -> dict[str, float]:
-    """Usual values by key; NaN where they follow from a weight and the joint carries none."""
-    try:
-        usual = law.usual(joint)
-    except ZeroDivisionError:
-        usual = (math.nan,) * len(law.keys)
-    return {key: float(f"{value:.{_DIGITS}g}") for key, value in zip(law.keys, usual, strict=True)}
 
 
 def parse(text: str, robot: Robot) -> Hidden:
@@ -342,6 +289,7 @@ def parse(text: str, robot: Robot) -> Hidden:
     except ModelError as wrong:
         raise ModelError("hide-wrong", wrong.what, place, wrong.mend) from None
     name, law = choice.effect, LAWS.get(choice.effect)
+    keys = KEYS.get(name, ())
     if law is None:
         what = f"{name!r} is no effect that simulate can hide"
         raise ModelError("hide-wrong", what, place, did_you_mean(name, LAWS, f"known: {', '.join(LAWS)}"))
@@ -349,8 +297,8 @@ def parse(text: str, robot: Robot) -> Hidden:
     if law.is_of_arm and choice.joint is not None:
         what, mend = f"{name} belongs to the whole arm", f"--hide {name}"
     for key, value in choice.shape.items():
-        if key not in law.keys:
-            what, mend = f"{name} has no value {key!r}", did_you_mean(key, law.keys, f"known: {', '.join(law.keys)}")
+        if key not in keys:
+            what, mend = f"{name} has no value {key!r}", did_you_mean(key, keys, f"known: {', '.join(keys)}")
         elif not abs(value) <= GREATEST:
             what = f"{key} is {value}, not a finite number up to {GREATEST:g}"
             mend = f"give a smaller number for {key}"

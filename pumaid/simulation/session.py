@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,45 +58,30 @@ def simulate(
     ModelError [simulation-diverged]
         While the logs are read: the controller does not hold this arm.
     """
-    _check_plan(robot, plan, rate)
-    truth = draw(robot, seed) if truth is None else truth
-    options = _Options(rate, runs_per_file, has_velocity, has_temperature or truth.hides("thermal_friction"))
-    return _Session(truth, plan, options, seed=seed).logs()
-
-
-def _check_plan(robot: Robot, plan: Plan, rate: float) -> None:
     if not SLOWEST <= rate <= FASTEST:
         mend = f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz"
         raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
+    n, mend = robot.n_joints, "take a plan made for this robot: pumaid plan"
     for number, motion in enumerate(plan.motions, start=1):
-        if len(motion.hold) != robot.n_joints or not 1 <= motion.joint <= robot.n_joints:
+        if len(motion.hold) != n or not 1 <= motion.joint <= n:
+            of = f"joint {motion.joint} of {len(motion.hold)}; {robot.name} has {n} joints"
             raise ModelError(
-                "plan-misfit",
-                f"run {number} of the plan moves joint {motion.joint} of {len(motion.hold)}; "
-                f"{robot.name} has {robot.n_joints} joints",
-                Where(field=f"runs[{number}]"),
-                "take a plan made for this robot: pumaid plan",
+                "plan-misfit", f"run {number} of the plan moves {of}", Where(field=f"runs[{number}]"), mend
             )
         if not 0.0 < motion.velocity < math.inf:
             what = f"run {number} of the plan has the speed {motion.velocity:g}"
             raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
-
-
-class _Options(NamedTuple):
-    """Of the logs."""
-
-    rate: float
-    runs_per_file: int
-    has_velocity: bool
-    has_temperature: bool
+    truth = draw(robot, seed) if truth is None else truth
+    session = _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature)
+    return session.logs(runs_per_file, has_velocity=has_velocity)
 
 
 class _Session:
     """A virtual robot at work."""
 
-    def __init__(self, truth: Truth, plan: Plan, options: _Options, *, seed: int) -> None:
-        self._truth, self._options, self._rng = truth, options, np.random.default_rng([seed, 2])
-        rate = self._rate = options.rate
+    def __init__(self, truth: Truth, plan: Plan, rate: float, *, seed: int, has_temperature: bool) -> None:
+        self._truth, self._rng, self._rate = truth, np.random.default_rng([seed, 2]), rate
+        self._has_temperature = has_temperature or truth.hides("thermal_friction")
         n = truth.robot.n_joints
         self._movements = list(trapezoids(truth.robot, plan))
         lengths = np.array([self._samples(movement) for movement in self._movements]) / rate
@@ -121,12 +105,12 @@ class _Session:
         """Every movement, with its rests, is a whole number of samples."""
         return max(1, math.ceil(movement.seconds * self._rate - 1e-9))
 
-    def logs(self) -> Iterator[Log]:
+    def logs(self, runs_per_file: int, *, has_velocity: bool) -> Iterator[Log]:
         """Samples of one movement after the other; `origin` names the file."""
         sample, row, origin = 0, 2, ""
         step = self._truth.noise.current_step
         for movement in self._movements:
-            name = f"session_{(movement.number - 1) // self._options.runs_per_file + 1:02d}"
+            name = f"session_{(movement.number - 1) // runs_per_file + 1:02d}"
             row, origin = (row, origin) if name == origin else (2, name)
             with np.errstate(all="ignore"):  # what overflows is told below, once
                 position, velocity, current, temperature = self._execute(movement)
@@ -140,9 +124,9 @@ class _Session:
                 time=time,
                 position=position,
                 # Rounded so that the bytes of a log do not depend on how a machine orders its additions.
-                velocity=np.round(velocity, 9) if self._options.has_velocity else None,
+                velocity=np.round(velocity, 9) if has_velocity else None,
                 current=np.round(current / step) * step if step > 0 else current,
-                temperature=np.round(temperature, 6) if self._options.has_temperature else None,
+                temperature=np.round(temperature, 6) if self._has_temperature else None,
                 starts_clock=sample == 0,
             )
             sample, row = sample + count, row + count
@@ -157,7 +141,7 @@ class _Session:
         controller.tune(self._truth.gain * inertia)
         out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
         currents[0] = controller.current
-        warming = -np.expm1(-arm.step / WARMING_TIME) if self._options.has_temperature else 0.0
+        warming = -np.expm1(-arm.step / WARMING_TIME) if self._has_temperature else 0.0
         for tick in range(count * ticks):
             current = controller.command(arm.reading, targets[tick], limits[tick])
             currents[tick + 1] = current

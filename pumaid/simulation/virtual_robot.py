@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pumaid import __version__
 from pumaid.errors import ModelError, Where
+from pumaid.results.documents import FORMAT, heading, plain, record_from
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import (
-    LAWS,
+    KEYS,
     ArmState,
     Hidden,
     JointState,
@@ -39,9 +39,8 @@ _ROUNDS, _SETTLED = 30, 1e-10
 #: Of a robot that is known by constants in amperes alone: A/(N m), its middle motor's gain; m, the distance of a link's
 #: centre of mass from its axis, and the largest share of the motor's inertia that the mass adds there.
 _GAIN, _DISTANCE, _SWUNG = 0.1, 0.1, 0.05
-#: Of a truth's document, and its significant digits of what is worked out from masses and gains: the last ones of a
-#: sum differ between machines.
-FORMAT, _DIGITS = 1, 9
+#: Significant digits of what a document works out from masses and gains; the last ones differ between machines.
+_DIGITS = 9
 #: SI; no entry of a truth is larger on any arm, and much farther on currents overflow.
 _GREATEST = 1e12
 
@@ -361,31 +360,23 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     """
     has_masses = truth.given_constants is None
     digits = _DIGITS if has_masses else 17
-    worth = _entries(truth.constants)
-    return {
-        "kind": "truth",
-        "format": FORMAT,
-        "pumaid": __version__,
-        "robot": truth.robot.name,
-        "recipe": {"file": truth.robot.origin, "sha256": truth.robot.digest},
+    entries = {
         "seed": truth.seed if seed is None else seed,
-        "parameters": {name: _short(value, digits) for name, value in _identifiable(truth).items()},
-        "gain": truth.gain.tolist() if has_masses else None,
-        "mass": truth.links.mass.tolist() if has_masses else None,
-        "centre": truth.links.centre.tolist() if has_masses else None,
-        "constants": {part: [_short(value, digits) for value in values] for part, values in worth.items()},
-        "friction": _entries(truth.friction),
-        "inertia": truth.inertia.tolist(),
-        "breakaway": truth.breakaway.tolist(),
-        "hidden": [asdict(hidden) for hidden in truth.hidden],
-        "noise": _entries(truth.noise),
+        "parameters": {name: float(f"{value:.{digits}g}") for name, value in _identifiable(truth).items()},
+        "gain": truth.gain if has_masses else None,
+        "mass": truth.links.mass if has_masses else None,
+        "centre": truth.links.centre if has_masses else None,
+        "constants": {
+            part: [float(f"{value:.{digits}g}") for value in values] for part, values in asdict(truth.constants).items()
+        },
+        "friction": truth.friction,
+        "inertia": truth.inertia,
+        "breakaway": truth.breakaway,
+        "hidden": truth.hidden,
+        "noise": truth.noise,
     }
-
-
-def _entries(record: Friction | Noise | Constants) -> dict[str, Any]:
-    """A record's attributes by name, arrays as lists."""
-    values = asdict(record).items()
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values}
+    content: dict[str, Any] = plain(heading("truth", robot=truth.robot) | entries)
+    return content
 
 
 def _identifiable(truth: Truth) -> dict[str, float]:
@@ -401,79 +392,47 @@ def _identifiable(truth: Truth) -> dict[str, float]:
     return values
 
 
-def _short(value: float, digits: int) -> float:
-    return float(f"{value:.{digits}g}")
-
-
 def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
     """The virtual robot of a document by `as_json`, edited or not, in the geometry of an arm.
 
     `parameters` is passed over: it follows from the rest. What is missing or of another number of joints is refused
     (truth-wrong).
     """
+
+    def wrong(what: str, field: str | None = None, mend: str = "is it the truth of another robot?") -> ModelError:
+        return ModelError("truth-wrong", what, Where(field=field), mend)
+
     if document.get("kind") != "truth" or document.get("format") != FORMAT:
         what = f"the document's kind is {document.get('kind')!r} and its format {document.get('format')!r}"
-        raise ModelError("truth-wrong", what, mend="give a truth.json that pumaid simulate wrote")
-    n, given = robot.n_joints, None
-    per_joint = {"gain", "mass", "inertia", "breakaway", "std", "counts", "x", "y", *_names(Friction)}
-    shapes = {**dict.fromkeys(per_joint, (n,)), "centre": (n, 3), "ratio": (n - 1,)}
-
-    def arrays(part: Mapping[str, Any], *names: str) -> list[Floats]:
-        return [_array(part, name, shapes.get(name, ())) for name in names]
-
-    (inertia,) = arrays(document, "inertia")
-    if document.get("mass") is not None:
-        mass, centre, gain = arrays(document, "mass", "centre", "gain")
-        links = Links(mass, centre)
-    else:
-        given = Constants(*arrays(_part(document, "constants"), *_names(Constants)))
-        links, gain = links_of(robot, given, inertia)
-    friction, noise = _part(document, "friction"), _part(document, "noise")
-    (std,) = arrays(noise, "std")
-    share, time, step = map(float, arrays(noise, "level_share", "correlation_time", "current_step"))
-    counts = None if noise.get("counts") is None else arrays(noise, "counts")[0]
+        raise wrong(what, mend="give a truth.json that pumaid simulate wrote")
+    n, has_masses = robot.n_joints, document.get("mass") is not None
     # Truths of earlier versions state no break-away friction.
-    (breakaway,) = arrays({"breakaway": [BREAKAWAY] * n, **document}, "breakaway")
-    return Truth(
-        robot,
-        Friction(*arrays(friction, *_names(Friction))),
-        Noise(std, share, time, step, counts),
-        links,
-        gain,
-        inertia,
-        breakaway,
-        given_constants=given,
-        hidden=tuple(_hidden(entry, n) for entry in document.get("hidden") or ()),
-    )
-
-
-def _names(record: type[Friction | Constants]) -> list[str]:
-    return [entry.name for entry in fields(record)]
-
-
-def _hidden(entry: object, n_joints: int) -> Hidden:
-    content = entry if isinstance(entry, Mapping) else {}
-    name, joint, values = content.get("effect"), content.get("joint"), content.get("values")
-    is_effect = name in LAWS and (joint is None or (isinstance(joint, int) and 1 <= joint <= n_joints))
-    if not is_effect or not isinstance(values, Mapping) or set(values) != set(LAWS[str(name)].keys):
-        what = f"{str(entry)[:80]} is no hidden effect of this robot"
-        raise ModelError("truth-wrong", what, Where(field="hidden"), f"known: {', '.join(LAWS)}")
-    return Hidden(str(name), joint, {key: float(_array(values, key, ())) for key in values})
-
-
-def _part(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    part = document.get(name)
-    if not isinstance(part, Mapping):
-        raise ModelError("truth-wrong", f"the entry {name} is missing", Where(field=name), "simulate anew")
-    return part
-
-
-def _array(document: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> Floats:
+    document = {"breakaway": [BREAKAWAY] * n, "hidden": [], **document}
+    arrays: dict[str, Floats] = {}
     try:
-        values = np.array(document.get(name), dtype=float)
-    except (TypeError, ValueError):
-        values = np.array(np.nan)
-    if values.shape != shape or not np.all(np.abs(values) <= _GREATEST):
-        what = f"{name} is not {' x '.join(str(size) for size in shape) or 'one'} finite numbers up to {_GREATEST:g}"
-        raise ModelError("truth-wrong", what, Where(field=name), "is it the truth of another robot?")
-    return values
+        friction = record_from(Friction, document["friction"])
+        noise = record_from(Noise, document["noise"])
+        for name in ("inertia", "breakaway", *(("gain", "mass", "centre") if has_masses else ())):
+            arrays[name] = np.array(document[name], dtype=float)
+        given = None if has_masses else record_from(Constants, document["constants"])
+        hidden = record_from(tuple[Hidden, ...], document["hidden"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise wrong(f"an entry is missing or no number: {error!r:.80}", mend="simulate anew") from None
+    shapes = {"centre": (n, 3), "ratio": (n - 1,), "level_share": (), "correlation_time": (), "current_step": ()}
+    for name, values in (arrays | asdict(friction) | asdict(noise) | ({} if given is None else asdict(given))).items():
+        shape = shapes.get(name, (n,))
+        if values is not None and (np.shape(values) != shape or not np.all(np.abs(values) <= _GREATEST)):
+            size = " x ".join(map(str, shape)) or "one"
+            raise wrong(f"{name} is not {size} finite numbers up to {_GREATEST:g}", name)
+    for entry in hidden:
+        keys, at = KEYS.get(entry.effect, ()), entry.joint
+        numbers = [abs(value) <= _GREATEST for value in entry.values.values()]
+        is_joint = at is None or (isinstance(at, int) and 1 <= at <= n)
+        if not keys or set(entry.values) != set(keys) or not all(numbers) or not is_joint:
+            raise wrong(f"{entry!r:.80} is no hidden effect of this robot", "hidden", f"known: {', '.join(KEYS)}")
+    inertia, breakaway = arrays["inertia"], arrays["breakaway"]
+    if given is not None:
+        links, gain = links_of(robot, given, inertia)
+    else:
+        links, gain = Links(arrays["mass"], arrays["centre"]), arrays["gain"]
+    return Truth(robot, friction, noise, links, gain, inertia, breakaway, given_constants=given, hidden=hidden)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.simulation import Hidden, draw, table1
 from pumaid.simulation.hidden_effects import LAWS
@@ -36,3 +37,27 @@ def test_the_truth_tells_what_currents_show_of_a_slide():
     for side in ("plus", "minus"):
         friction = document["friction"][f"coulomb_{side}"][0]
         assert document["parameters"][f"coulomb.j1.{side}"] == pytest.approx(friction + load, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "entry"),
+    [
+        ("kind", "model"),
+        ("mass", [1.0]),
+        ("centre", "here"),
+        ("friction", None),
+        ("friction", {"coulomb_plus": [1.0] * 6}),
+        ("noise", {"std": 0.1}),
+        ("inertia", [float("nan")] * 6),
+        ("gain", None),
+        ("hidden", [{"effect": "magic", "joint": 1, "values": {}}]),
+        ("hidden", [{"effect": "spring", "joint": 9, "values": {"a": 1.0}}]),
+        ("hidden", [{"effect": "spring", "joint": 1, "values": {"a": None}}]),
+        ("hidden", "spring"),
+    ],
+)
+def test_a_damaged_truth_is_refused(name, entry):
+    """Whatever is missing, of another size or no number is told as what it is."""
+    truth = draw(table1.robot(), 3)
+    with pytest.raises(ModelError, match="truth-wrong"):
+        from_json(as_json(truth) | {name: entry}, truth.robot)
