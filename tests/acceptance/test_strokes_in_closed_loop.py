@@ -18,10 +18,10 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
+from pumaid.results.truth_file import as_json
 from pumaid.robot import Robot
 from pumaid.simulation import draw, simulate
 from pumaid.simulation.mujoco_engine import RigidArm
-from pumaid.simulation.virtual_robot import as_json
 from pumaid.trajectory import Motion, Plan
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"

@@ -10,9 +10,9 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.results.truth_file import as_json, from_json
 from pumaid.simulation import Hidden, draw, table1
 from pumaid.simulation.hidden_effects import LAWS
-from pumaid.simulation.virtual_robot import as_json, from_json
 
 
 @pytest.mark.parametrize("truth", [draw(table1.robot(), 3), table1.puma560()], ids=["masses", "constants"])

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 def _virtual_robot(robot: Robot, truth: Path | None, *, hide: tuple[str, ...], noise: float | None, seed: int) -> Truth:
     """The virtual robot that the options describe."""
     from pumaid.io.write import read_truth
+    from pumaid.results.truth_file import as_json, from_json
     from pumaid.simulation import draw, table1
     from pumaid.simulation.hidden_effects import parse
-    from pumaid.simulation.virtual_robot import as_json, from_json
 
     if noise is not None and not math.isfinite(noise):
         raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
@@ -111,8 +111,8 @@ def command(
     from pumaid.io.write import write_session
     from pumaid.reporting.documents import session_document
     from pumaid.reporting.run_tables import session_table
+    from pumaid.results.truth_file import as_json as as_json_truth
     from pumaid.simulation.session import simulate
-    from pumaid.simulation.virtual_robot import as_json as as_json_truth
 
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
