@@ -9,7 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pumaid.effects.gravity import Gravity
 from pumaid.io.urdf import UrdfRecipe
+from pumaid.robot import Robot
+from pumaid.samples import Samples
 
 
 class Stated(NamedTuple):
@@ -105,3 +108,15 @@ class Engine:
         """(N, J) torques and forces that hold the arm still, for (N, J) positions."""
         rows = [self.pin.computeGeneralizedGravity(self.model, self.data, self.full(q)) for q in position]
         return np.array([row[self.places] for row in rows])
+
+
+def gravity_columns(robot: Robot, position: np.ndarray) -> np.ndarray:
+    """(J, N, p) gravity's columns of all links in every joint's row, all gain ratios 1."""
+    effect, numbers = Gravity(), range(1, robot.n_joints + 1)
+
+    def block(moving: int, link: int) -> np.ndarray:
+        if link < moving:
+            return np.zeros((len(position), len(effect.parameters(robot, link))))
+        return effect.columns(robot, Samples(moving, position, np.zeros_like(position)), number=link)
+
+    return np.array([np.hstack([block(moving, link) for link in numbers]) for moving in numbers])

@@ -25,8 +25,8 @@ _DRAWN = 400
 _TURN, _SLIDE = (-np.pi, np.pi), (-0.5, 0.5)
 
 
-class Shape(NamedTuple):
-    """A geometry of the MuJoCo model."""
+class Geometry(NamedTuple):
+    """A shape of the MuJoCo model."""
 
     label: str
     link: int  # 0 for the base
@@ -45,7 +45,7 @@ class Collision:
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.safety = robot, robot.safety or Safety()
-        self._pairs: list[tuple[Shape, Shape]] = []
+        self._pairs: list[tuple[Geometry, Geometry]] = []
         if robot.safety is not None:
             self._build()
             self._refuse_what_always_touches()
@@ -106,18 +106,18 @@ class Collision:
             body.add_joint(type=kind, axis=[0, 0, 1])
             body.mass, body.inertia = 1.0, [1.0, 1.0, 1.0]  # a moving body must have some
             bodies.append(body)
-        shapes = list[Shape]()
+        shapes = list[Geometry]()
         for number, sphere in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
             size = [sphere.radius, 0, 0]
             bodies[sphere.link].add_geom(name=str(len(shapes)), pos=sphere.centre, size=size)
             label = f"sphere {number} of {f'link {sphere.link}' if sphere.link else 'the base'}"
             extent = float(np.linalg.norm(sphere.centre)) + sphere.radius
-            shapes.append(Shape(label if number else "the tip", sphere.link, extent))
+            shapes.append(Geometry(label if number else "the tip", sphere.link, extent))
         for box in safety.boxes:
             low, high = np.array(box.low), np.array(box.high)
             place, half = (low + high) / 2, (high - low) / 2
             spec.worldbody.add_geom(name=str(len(shapes)), type=mujoco.mjtGeom.mjGEOM_BOX, pos=place, size=half)
-            shapes.append(Shape(f"the box '{box.name}'", 0, is_box=True))
+            shapes.append(Geometry(f"the box '{box.name}'", 0, is_box=True))
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         geometry = [self._model.geom(str(number)).id for number in range(len(shapes))]
@@ -131,11 +131,11 @@ class Collision:
         self._geometries = [(geometry[first], geometry[second]) for first, second in pairs]
         self._reach = np.array([self._lever(*pair) for pair in self._pairs])
 
-    def _may_meet(self, outer: Shape, inner: Shape) -> bool:
+    def _may_meet(self, outer: Geometry, inner: Geometry) -> bool:
         """Whether spheres are checked: those of links that are not adjacent, the inner first."""
         return outer.link > inner.link + 1 and (inner.link, outer.link) not in self.safety.ignore
 
-    def _lever(self, outer: Shape, inner: Shape) -> Floats:
+    def _lever(self, outer: Geometry, inner: Geometry) -> Floats:
         """(J,) m a rad, or m a m: how far each joint takes the outer shape at most, seen from the inner one."""
         out, length = np.zeros(self.robot.n_joints), outer.extent
         for joint in reversed(self.robot.joints[inner.link : outer.link]):

@@ -85,6 +85,11 @@ def _shortest(
     cost[count] *= now is not None
     struck, hit = Counter[int](), ""
 
+    def first_hit(before: int, after: int) -> str | None:
+        ends = [places[after]] if after <= count else [np.array(place) for place in later]
+        hits = [collision.first_hit(places[before], end) for end in ends]
+        return hits[0] if hits and all(hits) else None
+
     def length(path: Sequence[int]) -> float:
         return round(float(np.sum(cost[path[:-1], path[1:]])), 6)
 
@@ -93,13 +98,11 @@ def _shortest(
         for path in sorted(paths, key=length):
             if length(path) >= _STRUCK:
                 continue
-            for before, after in itertools.pairwise(path if now is not None else path[1:]):
-                ends = [places[after]] if after <= count else [np.array(place) for place in later]
-                hits = [collision.first_hit(places[before], end) for end in ends]
-                if hits and all(hits):
-                    cost[before, after] = _STRUCK
-                    struck[before if after > count else after] += 1
-                    hit = hits[0] or ""
+            moves = list(itertools.pairwise(path if now is not None else path[1:]))
+            for move, where in {move: where for move in moves if (where := first_hit(*move))}.items():
+                cost[move], hit = _STRUCK, where
+                before, after = move
+                struck[after if after <= count else before] += 1
             if length(path) < _STRUCK:
                 return path[1:-1]
     ((block, _),) = struck.most_common(1)

@@ -67,104 +67,75 @@ def postures(n_joints: int, *, count: int = 40, seed: int = 7) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, n_joints))
 
 
-def of_recipe(robot: Robot, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Every link's rotation and origin by the recipe."""
-    return robot.frames(position)
-
-
-def of_model(model: pin.Model, position: np.ndarray, names: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions of the named joints' axes, their frames' rotations and origins, by pinocchio."""
-    data = model.createData()
-    local = {"RX": 0, "RY": 1, "RZ": 2}
-    z, frames, points = [], [], []
+def of_model(model: pin.Model, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions of the first joints' axes, their frames' rotations and origins, by pinocchio."""
+    data, joints = model.createData(), range(1, position.shape[1] + 1)
+    local = [
+        {"RX": 0, "RY": 1, "RZ": 2}[model.joints[joint].shortname().removeprefix("JointModel")] for joint in joints
+    ]
+    frames, points = [], []
     for q in position:
         full = pin.neutral(model)
-        for name, angle in zip(names, q, strict=True):
-            full[model.joints[model.getJointId(name)].idx_q] = angle
+        full[: len(q)] = q
         pin.forwardKinematics(model, data, full)
-        joints = [model.getJointId(name) for name in names]
-        rotations = [data.oMi[joint].rotation.copy() for joint in joints]
-        short = [model.joints[joint].shortname().removeprefix("JointModel") for joint in joints]
-        z.append([rotation[:, local[kind]] for rotation, kind in zip(rotations, short, strict=True)])
-        frames.append(rotations)
+        frames.append([data.oMi[joint].rotation.copy() for joint in joints])
         points.append([data.oMi[joint].translation.copy() for joint in joints])
-    return np.array(z), np.array(frames), np.array(points)
+    rotations = np.array(frames)
+    return np.stack([rotations[:, k, :, axis] for k, axis in enumerate(local)], axis=1), rotations, np.array(points)
 
 
-def chain(published: tuple) -> tuple[pin.Model, list[str]]:
-    """A pinocchio model of published joint origins."""
-    model, parent, names = pin.Model(), 0, []
+def published_model(published: tuple | str) -> pin.Model:
+    """A pinocchio model of published joint origins, or of a URDF of example-robot-data, without meshes."""
+    if isinstance(published, str):
+        pytest.importorskip("example_robot_data", reason="it brings the URDFs (pip install pumaid[test])")
+        from example_robot_data.robots_loader import getModelPath
+
+        return pin.buildModelFromUrdf(os.fspath(Path(getModelPath(published)) / published))
+    model, parent = pin.Model(), 0
     for number, (xyz, rpy) in enumerate(published, start=1):
         placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz, dtype=float))
-        names.append(f"j{number}")
-        parent = model.addJoint(parent, pin.JointModelRZ(), placement, names[-1])
-    return model, names
+        parent = model.addJoint(parent, pin.JointModelRZ(), placement, f"j{number}")
+    return model
 
 
 def distance_to_line(point: np.ndarray, on_line: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(point - on_line, direction), axis=-1)
 
 
+PANDA = "panda_description/urdf/panda.urdf"
+
+
 @pytest.mark.parametrize(
-    ("name", "published"), [("kinova_gen3", GEN3), ("staubli_tx40", TX40), ("ur3e", UR3E), ("ur5e", UR5E)]
+    ("name", "published", "has_frames"),
+    [
+        ("kinova_gen3", GEN3, True),
+        ("staubli_tx40", TX40, True),
+        ("ur3e", UR3E, False),
+        ("ur5e", UR5E, False),
+        ("panda", PANDA, True),
+    ],
 )
-def test_axes_are_the_published_lines(name: str, published: tuple) -> None:
-    """Direction and place of every joint's axis agree with the vendor's published joint origins in random postures."""
+def test_axes_are_the_published_lines(name: str, published: tuple | str, has_frames: bool) -> None:
+    """Direction and place of every joint's axis agree with the vendor's published joint origins in random postures.
+
+    Whole link frames agree where the vendor's have the joints' z: a published centre of mass compares with k_x, k_y.
+    """
     robot = shipped(name)
     position = postures(robot.n_joints)
-    rotations, points = of_recipe(robot, position)
-    z, _, theirs = of_model(*_with_zero(name, position, published))
+    rotations, points = robot.frames(position)
+    z, frames, theirs = of_model(published_model(published), position + np.deg2rad(ZERO.get(name, 0.0)))
     assert np.abs(rotations[..., 2] - z).max() < ROUNDED_TO_TEN_DIGITS
     assert distance_to_line(points, theirs, z).max() < ROUNDED_TO_TEN_DIGITS
-
-
-def _with_zero(name: str, position: np.ndarray, published: tuple) -> tuple[pin.Model, np.ndarray, list[str]]:
-    model, names = chain(published)
-    return model, position + np.deg2rad(ZERO.get(name, 0.0)), names
-
-
-@pytest.mark.parametrize(("name", "published"), [("kinova_gen3", GEN3), ("staubli_tx40", TX40)])
-def test_frames_are_the_published_frames(name: str, published: tuple) -> None:
-    """Whole link frames agree too, so a published mass and centre of mass can be compared with k_x and k_y."""
-    robot = shipped(name)
-    position = postures(robot.n_joints)
-    rotations, _ = of_recipe(robot, position)
-    _, frames, _ = of_model(*_with_zero(name, position, published))
-    assert np.abs(rotations - frames).max() < ROUNDED_TO_TEN_DIGITS
+    assert not has_frames or np.abs(rotations - frames).max() < ROUNDED_TO_TEN_DIGITS
 
 
 @pytest.mark.parametrize(("name", "other"), [("ur3e", "ur3"), ("ur5e", "ur5"), ("ur10e", "ur10")])
 def test_universal_robots_turn_like_their_urdf(name: str, other: str) -> None:
     """The e-series has other lengths but the axes of the older URDFs, in a base turned half about the vertical."""
-    model, names = _urdf(other)
-    robot = shipped(name)
     position = postures(6)
-    z, _, _ = of_model(model, position, names)
-    in_base = z * np.array([-1.0, -1.0, 1.0])
-    rotations, _ = of_recipe(robot, position)
-    assert np.abs(rotations[..., 2] - in_base).max() < ROUNDED_TO_FOUR_DIGITS
-
-
-def test_panda_is_its_urdf() -> None:
-    """Panda's link frames and origins are those of the vendor's URDF, base, zeros and signs included."""
-    model, names = _urdf("panda")
-    robot = shipped("panda")
-    position = postures(7)
-    _, frames, theirs = of_model(model, position, names[:7])
-    rotations, points = of_recipe(robot, position)
-    assert np.abs(rotations - frames).max() < ROUNDED_TO_TEN_DIGITS
-    assert np.abs(points - theirs).max() < ROUNDED_TO_TEN_DIGITS
-
-
-def _urdf(name: str) -> tuple[pin.Model, list[str]]:
-    """A URDF of example-robot-data by its folder, without meshes."""
-    pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")
-    from example_robot_data.robots_loader import getModelPath
-
-    inside = {"panda": "panda_description/urdf/panda.urdf"}.get(name, f"ur_description/urdf/{name}_robot.urdf")
-    found = Path(getModelPath(inside)) / inside
-    model = pin.buildModelFromUrdf(os.fspath(found))
-    return model, list(model.names)[1:]
+    z, _, _ = of_model(published_model(f"ur_description/urdf/{other}_robot.urdf"), position)
+    rotations = shipped(name).rotations(position)
+    assert np.abs(rotations[..., 2] - z * np.array([-1.0, -1.0, 1.0])).max() < ROUNDED_TO_FOUR_DIGITS
 
 
 def turn(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -217,30 +188,10 @@ def test_axes_are_those_seen_by_eye(name: str) -> None:
     directions, on_lines = BY_EYE[name]
     slides = [not joint.is_revolute for joint in robot.joints]
     for q in postures(robot.n_joints, count=20):
-        rotations, points = of_recipe(robot, q[None])
+        rotations, points = robot.frames(q[None])
         z, theirs = by_screws(directions, on_lines, slides, q)
         assert np.abs(rotations[0, :, :, 2] - z).max() < 1e-12
         assert distance_to_line(points[0], theirs, z).max() < 1e-12
-
-
-def test_stanford_is_the_standard_table_shifted_by_a_row() -> None:
-    """Joint i of the recipe turns about z of frame i-1 of the Robotics Toolbox's standard DH table."""
-    robot = shipped("stanford")
-    # P. Corke, Robotics Toolbox, mdl_stanford: theta, d, a, alpha of Paul's A matrices.
-    table = [(0, 0.412, -HALF), (0, 0.154, HALF), (-HALF, 0, 0), (0, 0, -HALF), (0, 0, HALF), (0, 0.263, 0)]
-    for q in postures(6, count=20):
-        so_far = np.eye(4)
-        rotations, points = of_recipe(robot, q[None])
-        for joint, (theta, d, alpha) in enumerate(table):
-            assert np.abs(rotations[0, joint, :, 2] - so_far[:3, 2]).max() < 1e-12
-            assert distance_to_line(points[0, joint], so_far[:3, 3], so_far[:3, 2]) < 1e-12
-            slide = not robot.joints[joint].is_revolute
-            so_far = so_far @ _paul(theta + (0 if slide else q[joint]), d + (q[joint] if slide else 0), alpha)
-
-
-def _paul(theta: float, d: float, alpha: float) -> np.ndarray:
-    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array([[c, -s * ca, s * sa, 0], [s, c * ca, -c * sa, 0], [0, sa, ca, d], [0, 0, 0, 1]])
 
 
 def test_every_shipped_recipe_is_checked_here() -> None:

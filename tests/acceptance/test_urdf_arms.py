@@ -7,14 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from urdfs import Engine
+from urdfs import Engine, gravity_columns
 
-from pumaid.effects.gravity import Gravity
 from pumaid.errors import PumaidError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.urdf import UrdfRecipe, recipe_from_urdf
-from pumaid.robot import Robot
-from pumaid.samples import Samples
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")
@@ -130,23 +127,11 @@ def test_gravity_of_the_urdf_is_spanned(name: str, base: str | None, tip: str | 
     made = recipe_from_urdf(folder() / name, base=base, tip=tip)
     position = np.random.default_rng(5).uniform(-1.5, 1.5, (120, made.robot.n_joints))
     torque = Engine(folder() / name, made).holding(position).T
-    regressor = columns(made.robot, position)
+    regressor = gravity_columns(made.robot, position)
     width = regressor.shape[-1]
     constants = np.linalg.lstsq(regressor[:, :60].reshape(-1, width), torque[:, :60].ravel(), rcond=1e-9)[0]
     scale = max(np.abs(torque).max(), 9.8)
     assert np.abs(regressor[:, 60:] @ constants - torque[:, 60:]).max() < EXACT * scale
-
-
-def columns(robot: Robot, position: np.ndarray) -> np.ndarray:
-    """(J, N, p) gravity's columns of all links in every joint's row."""
-    effect, numbers = Gravity(), range(1, robot.n_joints + 1)
-
-    def block(moving: int, link: int) -> np.ndarray:
-        if link < moving:
-            return np.zeros((len(position), len(effect.parameters(robot, link))))
-        return effect.columns(robot, Samples(moving, position, np.zeros_like(position)), number=link)
-
-    return np.array([np.hstack([block(moving, link) for link in numbers]) for moving in numbers])
 
 
 @pytest.mark.parametrize(
