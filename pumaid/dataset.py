@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -38,15 +36,10 @@ class Log:
     extra: Floats | None = None  # (N, E) columns that the user asked for besides, in the log's own units
 
     def __post_init__(self) -> None:
-        n_samples, n_joints = self.position.shape
-        for name in ("velocity", "current", "temperature"):
-            values = getattr(self, name)
-            if values is not None and values.shape != (n_samples, n_joints):
-                raise ValueError(f"{name} is {values.shape}, position is {(n_samples, n_joints)}")
-        if self.extra is not None and len(self.extra) != n_samples:
-            raise ValueError(f"extra has {len(self.extra)} rows for {n_samples} samples")
-        if self.time.shape != (n_samples,) or self.rows.shape != (n_samples,):
-            raise ValueError(f"time is {self.time.shape} and rows {self.rows.shape} for {n_samples} samples")
+        shapes = {name: values.shape for name in _SAMPLED if (values := getattr(self, name)) is not None}
+        expected = dict.fromkeys(("velocity", "current", "temperature"), self.position.shape)
+        if any(shape[0] != len(self.time) or shape != expected.get(name, shape) for name, shape in shapes.items()):
+            raise ValueError(f"shapes of a log's arrays do not agree: {shapes}")
 
     def __len__(self) -> int:
         return len(self.time)
@@ -194,40 +187,24 @@ class Dataset:
         return tuple(run for run in self.runs if run.joint == joint)
 
 
-#: What a damaged archive makes of zip and numpy, besides a ValueError.
-_DAMAGES: tuple[type[Exception], ...] = (
-    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError),
-    *(zipfile.BadZipFile, zlib.error),
-)
-
-
 def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any]) -> None:
     """Write a dataset as plain numpy arrays (npz, nothing pickled).
 
     Each field of the bins is one array over all bins; everything else is JSON, in the array `about`. `made_from` says
     what the dataset depends on, as JSON can hold it; `load_dataset` returns it.
     """
-    about = {
-        "made_from": made_from,
-        "files": [asdict(facts) for facts in dataset.files],
-        "notes": [{"slug": note.slug, "text": note.text, "where": asdict(note.where)} for note in dataset.notes],
-        "extra": dataset.extra,
-    }
+    about: dict[str, Any] = {"made_from": made_from, "extra": dataset.extra}
+    about |= {name: [asdict(item) for item in getattr(dataset, name)] for name in ("files", "notes")}
     arrays = {}
     for name, records in (("runs", dataset.runs), ("rejects", dataset.rejects)):
-        about[name] = [_plain(record) for record in records]
+        plain = [{item.name: getattr(record, item.name) for item in fields(record)} for record in records]
+        about[name] = [values | {"bins": -1 if values["bins"] is None else len(values["bins"])} for values in plain]
         bins = [record.bins for record in records if record.bins is not None]
         for item in fields(bins[0]) if bins else ():
             if getattr(bins[0], item.name) is not None:
                 arrays[f"{name}.{item.name}"] = np.concatenate([getattr(part, item.name) for part in bins])
     text = json.dumps(about, default=np.ndarray.tolist).encode()
     np.savez(sink, about=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
-
-
-def _plain(record: Run | Reject) -> dict[str, Any]:
-    """The record's fields; of its bins the number, -1 where it has none."""
-    values = {item.name: getattr(record, item.name) for item in fields(record)}
-    return values | {"bins": -1 if record.bins is None else len(record.bins)}
 
 
 def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
@@ -242,34 +219,32 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = dict(archive)
         about = json.loads(arrays.pop("about").tobytes())
-        runs = tuple(
-            Run(**values | {"posture": np.array(values["posture"]), "span": tuple(values["span"])}, bins=bins)
-            for values, bins in _with_bins("runs", about["runs"], arrays, Bins)
-        )
-        rejects = tuple(
-            Reject(**values | {"joints": tuple(values["joints"])}, bins=bins)
-            for values, bins in _with_bins("rejects", about["rejects"], arrays, Means)
-        )
+        runs = [
+            Run(**values | {"posture": np.array(values["posture"]), "span": tuple(values["span"])})
+            for values in _with_bins("runs", about["runs"], arrays, Bins)
+        ]
+        rejects = [
+            Reject(**values | {"joints": tuple(values["joints"])})
+            for values in _with_bins("rejects", about["rejects"], arrays, Means)
+        ]
         files = tuple(FileFacts(**facts) for facts in about["files"])
         notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])
-        return Dataset(runs, rejects, files, notes, tuple(about["extra"])), about["made_from"]
-    except ValueError:
-        raise
-    except _DAMAGES as error:
+        return Dataset(tuple(runs), tuple(rejects), files, notes, tuple(about["extra"])), about["made_from"]
+    except Exception as error:  # whatever damage makes of zip, zlib and numpy
         raise ValueError(f"it cannot be read ({type(error).__name__})") from error
 
 
 def _with_bins(
     name: str, records: Sequence[dict[str, Any]], arrays: Mapping[str, NDArray[Any]], kind: type[Binned]
-) -> Iterator[tuple[dict[str, Any], Any]]:
-    """The other fields of each record, and its bins."""
-    first = 0
+) -> Iterator[dict[str, Any]]:
+    """The fields of each record with its bins, which follow one another in the arrays."""
     columns = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
+    first = 0
     for values in records:
-        count = values.pop("bins")
-        bins = {key: column[first : first + count] for key, column in columns.items()}
-        yield values, kind(**bins) if count >= 0 else None
-        first += max(count, 0)
+        last = first + max(values["bins"], 0)
+        bins = {key: column[first:last] for key, column in columns.items()}
+        yield values | {"bins": kind(**bins) if values["bins"] >= 0 else None}
+        first = last
 
 
 def coarser(bins: Binned, size: int) -> Binned:
@@ -322,14 +297,17 @@ class Campaign:
     @classmethod
     def of(cls, runs: Iterable[Run], rejects: Iterable[Reject] = ()) -> Campaign:
         """Of all runs of the logs, held-out ones too, and of what is no run."""
-        runs = tuple(runs)
         begun: dict[tuple[int, int], float] = {}
+        leads = {}
+        before = {(reject.origin, reject.last_row + 1): reject for reject in rejects}
         for run in runs:
             for key in ((run.joint, run.clock), (0, run.clock)):
                 begun[key] = min(run.start, begun.get(key, run.start))
-        before = {(reject.origin, reject.last_row + 1): reject for reject in rejects}
-        ramps = [(run, before.get((run.origin, run.first_row))) for run in runs]
-        leads = {(run.origin, run.first_row): _lead(run, ramp) for run, ramp in ramps if ramp is not None}
+            ramp = before.get((run.origin, run.first_row))
+            if ramp is not None and ramp.joints == (run.joint,) and ramp.bins is not None:
+                # From the farthest that a ramp reaches back.
+                back = run.direction * (run.span[0] - ramp.bins.position[:, run.joint - 1])
+                leads[run.origin, run.first_row] = max(float(back.max()), 0.0)
         return cls(begun, leads)
 
     def since(self, joint: int, clock: int, time: Floats) -> Floats:
@@ -339,11 +317,3 @@ class Campaign:
     def lead(self, run: Run) -> float:
         """What the joint had travelled (rad or m) since it last stood or turned back when `run` began; 0 if unknown."""
         return self.leads.get((run.origin, run.first_row), 0.0)
-
-
-def _lead(run: Run, ramp: Reject) -> float:
-    """From the farthest that a ramp reaches back."""
-    if ramp.joints != (run.joint,) or ramp.bins is None:
-        return 0.0
-    back = run.direction * (run.span[0] - ramp.bins.position[:, run.joint - 1])
-    return max(float(back.max()), 0.0)

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 #: Of an experiment's folder: the logs, the current model, and the dataset that commands share.
 LOGS, MODEL, DATASET = "logs", "results/model.json", "dataset.npz"
-#: What of the package makes a dataset; while pumaid is worked on its version stays the same and these files do not.
-_SOURCES = ("dataset.py", "samples.py", "units.py", "maths", "io", "preprocessing")
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
 
@@ -129,41 +127,28 @@ class Experiment:
         from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 
         paths = expand(self.logs)
-        settings = {"options": repr(options), "trust": self.trust, "columns": list(extra)}
         plan = find_plan([self.folder])
-        made_from = dataset_inputs(self.robot, settings, plan)
-        is_keepable = all(isinstance(path, Path) and path.is_file() for path in paths)
-        file = self.results_folder / DATASET
-        dataset = read_dataset(file, paths, made_from, tell=self.tell) if is_keepable else None
+        made_from = dataset_inputs(self.robot, plan, options=repr(options), trust=self.trust, columns=list(extra))
+        sizes = [path.stat().st_size for path in paths if isinstance(path, Path) and path.is_file()]
+        file = self.results_folder / DATASET if len(sizes) == len(paths) else None
+        dataset = read_dataset(file, paths, made_from, tell=self.tell) if file else None
         if dataset is None:
-            dataset = self._ingested(paths, extra=extra, options=options)
+            from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
+            from pumaid.preprocessing.options import DEFAULTS
+
+            words: dict[str, Any] = {"extra": extra, "options": options or DEFAULTS, "trust": self.trust}
+            with dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs) as executor:
+                words |= {"executor": executor, "progress": lambda done: self.progress(done, len(paths))}
+                dataset = ingest(paths, self.robot, **words)
             if plan is not None:
                 dataset = match_with_plan(dataset, read_plan(plan, self.robot))
-            if self.is_kept and is_keepable:
+            if self.is_kept and file:
                 keep_dataset(file, dataset, made_from, tell=self.tell)
         if not self.heldout:
             return dataset
         names = [facts.name for facts in dataset.files]
         files = dict.fromkeys(name for word in self.heldout if word != POSTURE for name in meant(word, names))
         return hold_out(dataset, files=files, postures=POSTURE in self.heldout)
-
-    def _ingested(self, paths: Sequence[LogPath], *, extra: Sequence[str], options: SegmentOptions | None) -> Dataset:
-        """The logs read and segmented: on a cluster, in several processes where there is enough to read, or here."""
-        from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
-        from pumaid.preprocessing.options import DEFAULTS
-
-        sizes = [path.stat().st_size if isinstance(path, Path) and path.is_file() else 0 for path in paths]
-        workers = dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs)
-        with workers as executor:
-            return ingest(
-                paths,
-                self.robot,
-                options=options or DEFAULTS,
-                extra=extra,
-                trust=self.trust,
-                executor=executor,
-                progress=lambda done: self.progress(done, len(paths)),
-            )
 
     def files(self, *inputs: Path | None) -> list[Path]:
         """The files of this machine that a command works from, as far as they are there: what it must not write over.
@@ -195,15 +180,11 @@ def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> 
     raise ModelError("model-other-logs", what, Where(file=unfitted[0]), mend)
 
 
-def dataset_inputs(robot: Robot, settings: Mapping[str, Any], plan: Path | None = None) -> dict[str, Any]:
+def dataset_inputs(robot: Robot, plan: Path | None = None, **options: Any) -> dict[str, Any]:
     """What a dataset depends on beside the logs, as JSON can hold it: of a recipe, name, joints and the log block."""
     recipe = hashlib.sha256(repr((robot.name, robot.joints, robot.log)).encode()).hexdigest()
-    return {
-        "program": f"pumaid {__version__} {_program()}",
-        "recipe": recipe,
-        "plan": plan and _digest(plan),
-        "options": dict(settings),
-    }
+    program = f"pumaid {__version__} {_program()}"
+    return {"program": program, "recipe": recipe, "plan": plan and _digest(plan), "options": options}
 
 
 def read_dataset(
@@ -220,12 +201,10 @@ def read_dataset(
         tell(f"{path} is damaged ({error}); the logs are read again")
         return None
     differ = [name for name, value in made_from.items() if before.get(name) != value]
-    if not differ and before.get("logs") != {str(log): _digest(log) for log in logs}:
-        differ = ["logs"]
-    if differ:
-        tell(f"{path} was made with other {' and '.join(differ)}; the logs are read again")
-        return None
-    return dataset
+    if not differ and before.get("logs") == {str(log): _digest(log) for log in logs}:
+        return dataset
+    tell(f"{path} was made with other {' and '.join(differ or ['logs'])}; the logs are read again")
+    return None
 
 
 def keep_dataset(path: Path, dataset: Dataset, made_from: Mapping[str, Any], *, tell: Callable[[str], None]) -> None:
@@ -245,12 +224,10 @@ def keep_dataset(path: Path, dataset: Dataset, made_from: Mapping[str, Any], *, 
 
 @cache
 def _program() -> str:
-    """Digest of the source files by which datasets are made."""
-    package, whole = Path(__file__).parent, hashlib.sha256()
-    for name in _SOURCES:
-        path = package / name
-        for source in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            whole.update(source.read_bytes())
+    """Digest of the program: while pumaid is worked on its version stays the same and its files do not."""
+    whole = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        whole.update(source.read_bytes())
     return whole.hexdigest()[:16]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,9 +41,6 @@ ROUNDED = 1e-6
 
 #: Positions of a run from which two harmonics of the position are known.
 PLACES = 5
-
-#: Fields of samples that have a value an instant.
-SERIES = tuple(item.name for item in fields(Samples) if item.name not in ("joint", "loads"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +95,16 @@ class JointBins:
         """Distinct speeds, rising, rad/s or m/s."""
         return distinct([abs(run.speed) for run in self.runs])
 
-    @property
-    def groups(self) -> tuple[tuple[int, ...], ...]:
+    @cached_property
+    def groups(self) -> list[tuple[int, ...]]:
         """Runs (from 0) that repeat one another, every run in one group."""
-        return _repeated(self.runs)
+        groups = [tuple(group) for group in replicates(self.runs)]
+        return sorted([*groups, *((run,) for run in set(range(len(self.runs))).difference(*groups))])
 
-    @property
-    def postures(self) -> tuple[tuple[int, ...], ...]:
+    @cached_property
+    def postures(self) -> list[tuple[int, ...]]:
         """Runs (from 0) by held posture."""
-        return _by_posture(self.runs)
+        return [*map(tuple, posture_groups(np.array([run.posture for run in self.runs]), SAME_POSTURE))]
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -137,25 +135,25 @@ class JointBins:
         They match the first five moments of as many equal steps as the bin has samples, so that a ripple with two bins
         a period is not averaged away, and a bin of three samples or fewer is exact.
         """
-        n, moving = self.count, self.joint - 1
+        n, moving, time = self.count, self.joint - 1, self.samples.time
+        last = self.first + self.lengths - 1
+        between = self.sums(n) - 0.5 * (n[self.first] + n[last])
+        step = ((time[last] - time[self.first]) / np.maximum(between, 1.0))[self.run]  # s between samples
         spread = np.sqrt(np.maximum(3.0 * n**2 - 7.0, 0.0) / 20.0)
         side = np.divide(n**2 - 1.0, 24.0 * spread**2, out=np.zeros(len(n)), where=spread > 0)
-        weights = np.column_stack([side, 1.0 - 2.0 * side, side])
-        ahead = ((self._sample_step() * spread)[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
-        three: dict[str, Any] = {
-            name: np.repeat(held, 3, axis=0) for name in SERIES if (held := getattr(self.samples, name)) is not None
-        }
-        is_stroke = self.is_stroke[self.run]
-        rise = self.rises(self.samples.time)
+        ahead = ((step * spread)[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
+        three: dict[str, Any] = {name: np.repeat(values, 3, axis=0) for name, values in self.samples.series().items()}
+        rise = self.rises(time)
         jerk = np.divide(self.rises(self.samples.acceleration), rise, out=np.zeros(len(self)), where=rise > 0.0)
+        is_stroke = self.is_stroke[self.run]
         moved = three["velocity"][:, moving] * ahead
         three["velocity"][:, moving] += np.repeat(is_stroke, 3) * three["acceleration"] * ahead
-        three["acceleration"] = three["acceleration"] + np.repeat(is_stroke * jerk, 3) * ahead
+        three["acceleration"] += np.repeat(is_stroke * jerk, 3) * ahead
         three["position"][:, moving] += moved
         three["time"] += ahead
         three["elapsed"] += ahead
         three["travel"] = np.maximum(three["travel"] + three["direction"] * moved, 0.0)
-        return replace(self.samples, **three, loads=None), weights
+        return Samples(self.joint, **three), np.column_stack([side, 1.0 - 2.0 * side, side])
 
     @cached_property
     def harmonic(self) -> Floats:
@@ -186,13 +184,6 @@ class JointBins:
         remaining = self.inside - (rise**2 * wide if own is None else own) - 2.0 * rise * slope * wide
         return np.where(remaining > ROUNDED * self.inside, remaining, 0.0)
 
-    def _sample_step(self) -> Floats:
-        """(N,) s between samples of the run of each bin."""
-        last = self.first + self.lengths - 1
-        between = self.sums(self.count) - 0.5 * (self.count[self.first] + self.count[last])
-        time = self.samples.time
-        return np.asarray(((time[last] - time[self.first]) / np.maximum(between, 1.0))[self.run])
-
 
 def joint_bins(
     robot: Robot,
@@ -214,17 +205,13 @@ def joint_bins(
         turn = 2.0 * np.pi if robot.joint(joint).is_revolute else np.inf
         thin = [_thinned(run, most, turn=turn, is_settled=is_settled) for run in chosen]
         lengths = np.array([len(run.bins) for run in thin])
-        bins = JointBins(
-            joint=joint,
-            runs=chosen,
-            samples=joined([samples_of(run, campaign) for run in thin]),
-            current=np.concatenate([run.bins.current for run in thin]),
-            count=np.concatenate([run.bins.count for run in thin]).astype(float),
-            inside=np.concatenate([run.bins.variance for run in thin]),
-            first=(np.cumsum(lengths) - lengths).astype(np.int64),
-            step=np.array([run.duration / max(len(run.bins), 1) for run in thin]),
+        first = (np.cumsum(lengths) - lengths).astype(np.int64)
+        step = np.array([run.duration for run in thin]) / np.maximum(lengths, 1)
+        count, current, inside = (
+            np.concatenate([getattr(run.bins, name) for run in thin]) for name in ("count", "current", "variance")
         )
-        out.append(bins)
+        samples = joined([samples_of(run, campaign) for run in thin])
+        out.append(JointBins(joint, chosen, samples, current, count.astype(float), inside, first, step))
     return tuple(out)
 
 
@@ -239,7 +226,7 @@ def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Ru
         slope = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
         run = replace(run, bins=replace(run.bins, acceleration=slope))
     limit = most and int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))
-    return replace(run, bins=coarser(run.bins, limit)) if limit and len(run.bins) > limit else run
+    return replace(run, bins=coarser(run.bins, limit)) if limit else run
 
 
 def samples_of(run: Run, campaign: Campaign) -> Samples:
@@ -267,23 +254,20 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
 
 def joined(many: Sequence[Samples]) -> Samples:
     """Samples of one joint one after another, without loads; `run` counts them from 0."""
-    parts = {name: [getattr(samples, name) for samples in many] for name in SERIES}
-    series: dict[str, Any] = {
-        name: np.concatenate(part) for name, part in parts.items() if all(values is not None for values in part)
-    }
+    parts = [samples.series() for samples in many]
+    names = set(parts[0]).intersection(*parts)
+    series: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in names}
     run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
-    return replace(many[0], **series | {"run": run}, loads=None)
+    return Samples(many[0].joint, **series | {"run": run})
 
 
 def at(samples: Samples, rows: Counts) -> Samples:
     """The instants `rows` of some samples."""
-    parts = {name: getattr(samples, name) for name in SERIES}
-    series = {name: part[rows] for name, part in parts.items() if part is not None and len(part)}
+    chosen = Samples(samples.joint, **{name: values[rows] for name, values in samples.series().items()})
     if samples.loads is None:
-        return Samples(samples.joint, **series)
+        return chosen
     loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
-    chosen = {name: part if name == "gains" else part[rows] for name, part in loads.items()}
-    return Samples(samples.joint, **series, loads=Loads(**chosen))
+    return replace(chosen, loads=Loads(**{name: v if name == "gains" else v[rows] for name, v in loads.items()}))
 
 
 def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
@@ -345,17 +329,3 @@ def distinct(speeds: Sequence[float]) -> tuple[float, ...]:
         if not out or speed > out[-1] * (1.0 + SAME_SPEED):
             out.append(speed)
     return tuple(out)
-
-
-@lru_cache(maxsize=32)  # the same for every model that is fitted to the runs of a joint
-def _repeated(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
-    """Numbers (from 0) of runs that repeat one another, runs that are not repeated by themselves."""
-    groups = [tuple(group) for group in replicates(runs)]
-    alone = set(range(len(runs))).difference(*groups)
-    return tuple(sorted([*groups, *((number,) for number in alone)]))
-
-
-@lru_cache(maxsize=32)
-def _by_posture(runs: tuple[Run, ...]) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the runs (from 0) by held posture."""
-    return tuple(map(tuple, posture_groups(np.array([run.posture for run in runs]), SAME_POSTURE)))

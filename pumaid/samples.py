@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def _empty() -> Floats:
-    return np.zeros(0)
+_empty = partial(np.zeros, 0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,6 +69,11 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def series(self) -> dict[str, Any]:
+        """The arrays that have a value an instant, by name; those that are not given left out."""
+        named = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in ("joint", "loads")}
+        return {name: values for name, values in named.items() if values is not None and len(values) == len(self)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,13 +104,13 @@ def remembered(
     logs: Path, file: Path, *, robot: Robot = ARM, plan: Path | None = None, **settings: object
 ) -> Dataset | None:
     """What is read of the file of these logs' dataset."""
-    return read_dataset(file, sorted(logs.iterdir()), dataset_inputs(robot, settings, plan), tell=print)
+    return read_dataset(file, sorted(logs.iterdir()), dataset_inputs(robot, plan, **settings), tell=print)
 
 
 def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None:
     """Another recipe, plan, options, another log, a changed one: each is a reason to read again, and is told."""
     file = tmp_path / "dataset.npz"
-    keep_dataset(file, dataset, dataset_inputs(ARM, {}), tell=print)
+    keep_dataset(file, dataset, dataset_inputs(ARM), tell=print)
     assert "dataset written to" in capsys.readouterr().out
     assert same(remembered(logs, file), dataset) and capsys.readouterr().out == ""
     changed = tmp_path / "logs"
