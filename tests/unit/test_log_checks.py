@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,92 +79,96 @@ def test_a_good_log_passes_in_silence(seed: int, rate: float) -> None:
     assert watched(replace(good_log(seed=seed, rate=rate), velocity=None), arm(limits=None, max_velocity=None)) == []
 
 
-def degrees(log: Log) -> Log:
-    return replace(log, position=np.degrees(log.position))
+def scaled(**factors: float | None) -> Callable[[Log], Log]:
+    """A log with columns multiplied; None for a column that is not there."""
+    return lambda log: replace(
+        log, **{name: None if by is None else by * getattr(log, name) for name, by in factors.items()}
+    )
 
 
-def frozen(log: Log, hold: float = 0.8) -> Log:
-    """The current of joint 2 stands still for `hold` s every six."""
-    current = log.current.copy()
-    for begin in np.arange(3.0, log.time[-1] - hold, 6.0):
-        held = (log.time >= begin) & (log.time < begin + hold)
-        current[held, 1] = current[np.argmax(held), 1]
-    return replace(log, current=current)
+def with_current(values: Callable[[np.ndarray, Log], np.ndarray], *, joint: int | None = 1) -> Callable[[Log], Log]:
+    """A log with a function of its currents instead, of those of joint 2 or of all."""
+
+    def change(log: Log) -> Log:
+        current, columns = log.current.copy(), slice(None) if joint is None else joint
+        current[:, columns] = values(current[:, columns], log)
+        return replace(log, current=current)
+
+    return change
 
 
-def held_current(log: Log, period: float) -> Log:
-    """A current that comes over a bus every `period` s, repeated until the next."""
-    last = np.floor(log.time / period + 1e-9).astype(np.int64)
-    return replace(log, current=log.current[np.searchsorted(last, last)])
+def held_every(period: float) -> Callable[[np.ndarray, Log], np.ndarray]:
+    """What comes over a bus every `period` s, repeated until the next."""
+
+    def values(current: np.ndarray, log: Log) -> np.ndarray:
+        last = np.floor(log.time / period + 1e-9).astype(np.int64)
+        return current[np.searchsorted(last, last)]
+
+    return values
 
 
-def lost(log: Log, share: float) -> Log:
-    """Zeros instead of some of joint 2's currents."""
-    current = log.current.copy()
-    current[np.random.default_rng(7).random(len(log)) < share, 1] = 0.0
-    return replace(log, current=current)
+def frozen(current: np.ndarray, log: Log) -> np.ndarray:
+    """What stands still for 0.8 s every six."""
+    begin = 6.0 * np.floor((log.time - 3.0) / 6.0) + 3.0
+    is_held = (log.time >= 3.0) & (log.time < begin + 0.8)
+    return np.where(is_held, current[np.searchsorted(log.time, np.maximum(begin, 0.0))], current)
 
 
-def cut_off(log: Log, limit: float, *, step: float = 0.0) -> Log:
-    """Small currents drawn towards zero."""
-    current = step * np.round(log.current / step) if step else log.current
-    return replace(log, current=np.sign(current) * np.maximum(np.abs(current) - limit, 0.0))
+def rounded(step: float) -> Callable[[np.ndarray, Log], np.ndarray]:
+    return lambda current, log: step * np.round(current / step)
 
 
-def repeated(log: Log, times: int, step: float) -> Log:
+def drawn_to_zero(limit: float, *, step: float = 1e-12) -> Callable[[np.ndarray, Log], np.ndarray]:
+    return lambda current, log: np.sign(current) * np.maximum(np.abs(rounded(step)(current, log)) - limit, 0.0)
+
+
+def repeated(times: int, step: float) -> Callable[[Log], Log]:
     """Each position logged several times over, in an encoder's fine steps."""
-    position = step * np.round(log.position / step)
-    return replace(log, position=position[np.arange(len(log)) // times * times], velocity=None)
+
+    def change(log: Log) -> Log:
+        position = step * np.round(log.position / step)
+        return replace(log, position=position[np.arange(len(log)) // times * times], velocity=None)
+
+    return change
 
 
-def with_current(log: Log, value: float) -> Log:
-    return replace(log, current=np.where(np.arange(3) == 1, value, log.current))
-
-
+DEG = 180.0 / math.pi
 FREE = {"limits": None, "max_velocity": None}
 #: What is done to a good log, the arm, the slugs of what is found (faults in capitals), and words of the message.
 CASES = {
-    "degrees beside rad/s": (degrees, FREE, "LOOKS-LIKE-DEGREES UNITS-DISAGREE", "position: deg"),
-    "all in degrees": (
-        lambda log: replace(degrees(log), velocity=np.degrees(log.velocity)), {}, "LOOKS-LIKE-DEGREES", "would fit",
-    ),
-    "degrees alone": (lambda log: replace(degrees(log), velocity=None), {}, "LOOKS-LIKE-DEGREES", "would fit"),
-    "degrees of many turns": (lambda log: replace(degrees(log), velocity=None), FREE, "LOOKS-LIKE-DEGREES", "turns"),
-    "radians read as degrees": (
-        lambda log: replace(log, position=np.radians(log.position), velocity=None),
-        {"units": {"position": "deg"}}, "UNITS-DISAGREE", "would fit",
-    ),
-    "degrees read as such": (lambda log: replace(log, velocity=None), {"units": {"position": "deg"}}, "", ""),
-    "velocity in deg/s": (
-        lambda log: replace(log, velocity=np.degrees(log.velocity)), {}, "units-disagree", "velocity: deg/s",
-    ),
-    "velocity's sign": (lambda log: replace(log, velocity=-log.velocity), {}, "velocity-sign", "sign"),
-    "velocity of the motor": (
-        lambda log: replace(log, velocity=100.0 * log.velocity), {"gear_ratio": 100.0}, "velocity-unrelated", "motor's",
-    ),
-    "velocities swapped": (
-        lambda log: replace(log, velocity=log.velocity[:, [1, 0, 2]]), {}, "JOINTS-SWAPPED", "1 with velocity 2",
-    ),
-    "time in ms": (lambda log: replace(log, time=1e3 * log.time), {}, "TIME-UNIT", "units: {time: ms}"),
-    "time in ns": (lambda log: replace(log, time=1e9 * log.time), {}, "TIME-UNIT", "units: {time: ns}"),
-    "time in days": (lambda log: replace(log, time=log.time / 86400, velocity=None), {}, "TIME-UNIT", ""),
-    "time in minutes": (lambda log: replace(log, time=log.time / 60, velocity=None), {"max_velocity": 1.2},
-                        "beyond-limits", "maximum"),
-    "dead current": (lambda log: with_current(log, 0.0), {}, "CONSTANT-CURRENT", "joint 2"),
-    "constant current": (lambda log: with_current(log, 1.25), {}, "CONSTANT-CURRENT", "1.25"),
+    "degrees beside rad/s": (scaled(position=DEG), FREE, "LOOKS-LIKE-DEGREES UNITS-DISAGREE", "position: deg"),
+    "all in degrees": (scaled(position=DEG, velocity=DEG), {}, "LOOKS-LIKE-DEGREES", "would fit"),
+    "degrees alone": (scaled(position=DEG, velocity=None), {}, "LOOKS-LIKE-DEGREES", "would fit"),
+    "degrees of many turns": (scaled(position=DEG, velocity=None), FREE, "LOOKS-LIKE-DEGREES", "turns"),
+    "radians read as degrees": (scaled(position=1 / DEG, velocity=None), {"units": {"position": "deg"}},
+                                "UNITS-DISAGREE", "would fit"),
+    "degrees read as such": (scaled(velocity=None), {"units": {"position": "deg"}}, "", ""),
+    "velocity in deg/s": (scaled(velocity=DEG), {}, "units-disagree", "velocity: deg/s"),
+    "velocity's sign": (scaled(velocity=-1.0), {}, "velocity-sign", "sign"),
+    "velocity of the motor": (scaled(velocity=100.0), {"gear_ratio": 100.0}, "velocity-unrelated", "motor's"),
+    "velocities swapped": (lambda log: replace(log, velocity=log.velocity[:, [1, 0, 2]]), {}, "JOINTS-SWAPPED",
+                           "1 with velocity 2"),
+    "time in ms": (scaled(time=1e3), {}, "TIME-UNIT", "units: {time: ms}"),
+    "time in ns": (scaled(time=1e9), {}, "TIME-UNIT", "units: {time: ns}"),
+    "time in days": (scaled(time=1 / 86400, velocity=None), {}, "TIME-UNIT", ""),
+    "time in minutes": (scaled(time=1 / 60, velocity=None), {"max_velocity": 1.2}, "beyond-limits", "maximum"),
+    "dead current": (with_current(lambda current, log: 0.0), {}, "CONSTANT-CURRENT", "joint 2"),
+    "constant current": (with_current(lambda current, log: 1.25), {}, "CONSTANT-CURRENT", "1.25"),
     "copied current": (lambda log: replace(log, current=log.current[:, [0, 1, 1]]), {}, "CURRENT-COPIED", "2 and 3"),
-    "clipped": (lambda log: replace(log, current=np.clip(log.current, -2, 2)), {}, "current-saturated", "2.0"),
-    "a few lost": (lambda log: lost(log, 0.01), {}, "current-dropouts", "joint 2"),
-    "small cut off": (lambda log: cut_off(log, 0.05), {}, "current-dropouts", ""),
-    "small cut off in steps": (lambda log: cut_off(log, 0.2, step=0.005), {}, "current-dropouts current-frozen", ""),
-    "steps of 5 mA": (lambda log: replace(log, current=0.005 * np.round(log.current / 0.005)), {}, "", ""),
-    "steps of 0.1 A": (lambda log: replace(log, current=0.1 * np.round(log.current / 0.1)), {}, "", ""),
-    "slow bus": (lambda log: held_current(log, 0.05), {}, "current-frozen", " ms"),
-    "every other sample": (lambda log: held_current(log, 0.01), {}, "", ""),
-    "freezes": (frozen, {}, "current-frozen", "% of the time"),
-    "position repeated": (lambda log: repeated(log, 2, 1e-6), {}, "position-held", ""),
-    "position repeated in steps": (lambda log: repeated(log, 3, 2e-4), {}, "position-held", ""),
-    "milliamperes": (lambda log: replace(log, current=1e3 * log.current), {}, "current-size", "more than"),
+    "clipped": (with_current(lambda current, log: np.clip(current, -2, 2)), {}, "current-saturated", "2.0"),
+    "a few lost": (with_current(lambda current, log: np.where(np.arange(len(log)) % 100, current, 0.0)), {},
+                   "current-dropouts", "joint 2"),
+    "small cut off": (with_current(drawn_to_zero(0.05), joint=None), {}, "current-dropouts", ""),
+    "small cut off in steps": (with_current(drawn_to_zero(0.2, step=0.005), joint=None), {},
+                               "current-dropouts current-frozen", ""),
+    "steps of 5 mA": (with_current(rounded(0.005), joint=None), {}, "", ""),
+    "steps of 0.1 A": (with_current(rounded(0.1), joint=None), {}, "", ""),
+    "slow bus": (with_current(held_every(0.05), joint=None), {}, "current-frozen", " ms"),
+    "every other sample": (with_current(held_every(0.01), joint=None), {}, "", ""),
+    "freezes": (with_current(frozen), {}, "current-frozen", "% of the time"),
+    "position repeated": (repeated(2, 1e-6), {}, "position-held", ""),
+    "position repeated in steps": (repeated(3, 2e-4), {}, "position-held", ""),
+    "milliamperes": (scaled(current=1e3), {}, "current-size", "more than"),
     "ten a second": (lambda log: log.part(slice(0, len(log), 20)), {}, "rate-low", "10"),
 }  # fmt: skip
 

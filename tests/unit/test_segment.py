@@ -35,6 +35,14 @@ def reasons(dataset):
     return [reject.reason for reject in dataset.rejects]
 
 
+def changed(column, values, rows=slice(None), joint=slice(None), **course):
+    """A log with other values in a column, or a function of its old ones and of time."""
+    one = log(**course)
+    table = getattr(one, column).copy()
+    table[rows, joint] = values(table[rows, joint], one.time[rows]) if callable(values) else values
+    return replace(one, **{column: table})
+
+
 def test_one_trapezoid_is_one_run():
     """Joint, kind, speed, span, posture and what is left out are those of the command."""
     dataset = segment([log()], ARM)
@@ -70,19 +78,22 @@ def test_runs_of_many_turns_keep_a_fast_ripple():
     assert 2.0 * np.mean(run.bins.current * np.cos(100.0 * own)) == pytest.approx(np.sinc(100 / 256), rel=0.03)
 
 
-def test_a_triangle_of_speed_is_a_stroke():
-    """A movement without constant speed becomes one stroke whose acceleration is the command's."""
-    (run,) = segment([log(ramp=1.0, hold=0.0)], ARM).runs
-    assert run.kind == "stroke"
-    quarter = len(run.bins) // 4
-    np.testing.assert_allclose(run.bins.acceleration[quarter // 2 : quarter], 0.5, rtol=0.02)
-
-
-def test_kinds_can_be_chosen():
-    """With constant only, a stroke is left out; with stroke only, a trapezoid is a stroke."""
-    assert segment([log(ramp=1.0, hold=0.0)], ARM, options=SegmentOptions(kinds="constant")).runs == ()
-    (run,) = segment([log()], ARM, options=SegmentOptions(kinds="stroke")).runs
-    assert run.kind == "stroke"
+@pytest.mark.parametrize(
+    ("kinds", "ramp", "hold", "kind"),
+    [
+        ("both", 1.0, 0.0, ["stroke"]),
+        ("constant", 1.0, 0.0, []),
+        ("both", 0.1, 2.0, ["constant"]),
+        ("stroke", 0.1, 2.0, ["stroke"]),
+    ],
+)
+def test_a_triangle_of_speed_is_a_stroke(kinds, ramp, hold, kind):
+    """A movement without constant speed becomes one stroke whose acceleration is the command's; kinds can be chosen."""
+    runs = segment([log(ramp=ramp, hold=hold)], ARM, options=SegmentOptions(kinds=kinds)).runs
+    assert [run.kind for run in runs] == kind
+    for run in runs if kind == ["stroke"] and not hold else ():
+        quarter = len(run.bins) // 4
+        np.testing.assert_allclose(run.bins.acceleration[quarter // 2 : quarter], 0.5, rtol=0.02)
 
 
 def test_a_run_ends_with_its_file():
@@ -97,47 +108,32 @@ def test_a_run_ends_with_its_file():
     assert [run.clock for run in segment([one, log(origin="b.csv")], ARM).runs] == [0, 1]
 
 
-def test_missing_current_is_left_out():
-    """Samples without current are counted as such; a run without any is no run."""
+@pytest.mark.parametrize(
+    ("spoilt", "reason", "samples"),
+    [
+        (changed("current", np.nan, slice(300, 310), 1), "no-current", 10),
+        (changed("current", np.nan), "no-current", 0),
+        (changed("position", [[np.inf], [1e298]], slice(500, 502), slice(0, 1)), "not-a-number", 2),
+        (changed("position", lambda q, t: q + 0.008 * t, joint=0, hold=4.0), "drift-of-held-joint", 0),
+    ],
+    ids=["current lost", "no current", "garbage", "drift"],
+)
+def test_what_cannot_be_used_is_left_out_by_name(spoilt, reason, samples):
+    """Currents that are missing, absurd positions, a creep that adds up; a run goes on around single samples."""
+    dataset = segment([spoilt], ARM)
+    counts = {reject.reason: reject.samples for reject in dataset.rejects}
+    assert counts[reason] == (samples or counts[reason]) and len(dataset.runs) == bool(samples)
+    assert all(np.isfinite(run.bins.current).all() for run in dataset.runs)
+
+
+def test_a_little_drift_of_a_held_joint_is_borne_and_motion_of_two_is_not():
+    """A creep is borne until it adds up; where both joints move, both are named."""
+    assert len(segment([changed("position", lambda q, t: q + 0.003 * t, joint=0, hold=4.0)], ARM).runs) == 1
     one = log()
-    current = one.current.copy()
-    current[300:310, 1] = np.nan
-    dataset = segment([replace(one, current=current)], ARM)
-    assert {reject.reason: reject.samples for reject in dataset.rejects}["no-current"] == 10
-    assert np.isfinite(dataset.runs[0].bins.current).all()
-    dead = replace(one, current=np.full_like(current, np.nan))
-    assert segment([dead], ARM).runs == ()
-
-
-def test_garbage_positions_are_left_out():
-    """Infinite and absurd positions are dropped by name and the run goes on around them."""
-    one = log()
-    position = one.position.copy()
-    position[500, 0], position[501, 2] = np.inf, 1e298
-    dataset = segment([replace(one, position=position)], ARM)
-    assert {reject.reason: reject.samples for reject in dataset.rejects}["not-a-number"] == 2
-    assert len(dataset.runs) == 1
-
-
-def test_a_held_joint_that_drifts_spoils_the_run():
-    """A creep below the share is borne until it adds up to more than the allowed way."""
-    one = log(hold=4.0)
-    position = one.position.copy()
-    position[:, 0] += 0.008 * one.time
-    assert reasons(segment([replace(one, position=position)], ARM)).count("drift-of-held-joint") == 1
-    position[:, 0] -= 0.005 * one.time
-    assert len(segment([replace(one, position=position)], ARM).runs) == 1
-
-
-def test_two_joints_at_once_are_no_run():
-    """Both joints are named."""
-    one = log()
-    position = one.position.copy()
-    position[:, 0] += position[:, 1]
-    (left,) = (reject for reject in segment([replace(one, position=position)], ARM).rejects if reject.joints)
-    assert (left.reason, set(left.joints)) == ("several-joints", {1, 2})
-    assert left.bins is not None
-    assert len(left.bins) <= 64
+    both = replace(one, position=one.position[:, [1, 1, 2]])
+    (reject,) = (reject for reject in segment([both], ARM).rejects if reject.joints)
+    assert (reject.reason, set(reject.joints)) == ("several-joints", {1, 2})
+    assert reject.bins is not None and len(reject.bins) <= 64
 
 
 @pytest.mark.parametrize("count", [0, 1, 5, 7])
