@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -187,6 +189,13 @@ class Dataset:
         return tuple(run for run in self.runs if run.joint == joint)
 
 
+#: What a damaged archive makes of zip and numpy.
+_DAMAGES: tuple[type[Exception], ...] = (
+    *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError),
+    *(ValueError, zipfile.BadZipFile, zlib.error),
+)
+
+
 def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any]) -> None:
     """Write a dataset as plain numpy arrays (npz, nothing pickled).
 
@@ -230,7 +239,7 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         files = tuple(FileFacts(**facts) for facts in about["files"])
         notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])
         return Dataset(tuple(runs), tuple(rejects), files, notes, tuple(about["extra"])), about["made_from"]
-    except Exception as error:  # whatever damage makes of zip, zlib and numpy
+    except _DAMAGES as error:
         raise ValueError(f"it cannot be read ({type(error).__name__})") from error
 
 
