@@ -18,6 +18,12 @@ def visible(text: str) -> str:
     return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
+def listed(names: Sequence[str], most: int = 8, *, separator: str = ", ") -> str:
+    """Names for a message: the first few of many, long ones cut."""
+    text = separator.join(name if len(name) <= 80 else f"{name[:77]}..." for name in names[:most])
+    return f"{text} ... ({len(names)} in all)" if len(names) > most else text
+
+
 @dataclass(frozen=True, slots=True)
 class Where:
     """The place a message is about; only the fields that are known are told.

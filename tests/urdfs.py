@@ -77,7 +77,7 @@ class Engine:
         self.model = pinocchio.buildModelFromUrdf(os.fspath(path))
         self.model.gravity.linear = np.array([0.0, 0.0, -9.80665])
         self.data = self.model.createData()
-        self.joints = [self.model.getJointId(joint.name) for joint in made.chain.moving]
+        self.joints = [self.model.getJointId(joint.name) for joint in made.path if joint.moves]
         self.places = [self.model.joints[joint].idx_v for joint in self.joints]
 
     def full(self, position: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ class Engine:
         made, pin = self.made, self.pin
         pin.computeJointJacobians(self.model, self.data, self.full(position))
         pin.updateFramePlacements(self.model, self.data)
-        base = self.data.oMf[self.model.getFrameId(made.chain.base)].homogeneous
+        base = self.data.oMf[self.model.getFrameId(made.base)].homogeneous
         turned, placed = made.robot.frames(position[None])
         z, points = turned[0, :, :, 2] @ base[:3, :3].T, placed[0] @ base[:3, :3].T
         theirs = np.array([self._axis(joint, place) for joint, place in zip(self.joints, self.places, strict=True)])

@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
-from pumaid.errors import Faults, PumaidError, RecipeError, Where
+from pumaid.errors import Faults, PumaidError, RecipeError, Where, listed
 
 #: Most bytes of a recipe, levels of nesting, and values after aliases are expanded.
 MAX_BYTES, MAX_DEPTH, MAX_VALUES = 200_000, 20, 200_000
@@ -65,9 +65,9 @@ def nearest(word: object, known: Iterable[str]) -> str | None:
 
 
 def meant(word: object, known: Sequence[str]) -> str:
-    """A mend: the nearest of the known words, or all of them."""
+    """A mend: the nearest of the known words, or what they are."""
     near = nearest(word, known)
-    return f"did you mean {near}?" if near else f"known here: {', '.join(known)}"
+    return f"did you mean {near}?" if near else f"known here: {listed(known, 30)}"
 
 
 def yaml_text(text: str) -> str:

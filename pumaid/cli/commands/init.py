@@ -99,23 +99,23 @@ def command(
 
 def _facts(made: UrdfRecipe) -> dict[str, object]:
     """What was made of a URDF, for ``--json``; lengths in m, angles in rad."""
-    chain, robot = made.chain, made.robot
+    robot, moving = made.robot, [joint for joint in made.path if joint.moves]
     rows = [
         {
             "name": joint.name,
             "urdf_type": stated.kind,
             **{key: getattr(joint, key) for key in ("placement", "limits", "max_velocity")},
         }
-        for joint, stated in zip(robot.joints, chain.moving, strict=True)
+        for joint, stated in zip(robot.joints, moving, strict=True)
     ]
-    left_out = {"carried": chain.carried, "elsewhere": chain.elsewhere}
+    left_out = {"carried": made.carried, "elsewhere": made.elsewhere}
     return {
         "file": made.urdf.file,
         "sha256": made.urdf.digest,
-        "base": chain.base,
-        "tip": chain.tip,
+        "base": made.base,
+        "tip": made.tip,
         "joints": rows,
-        "folded": [joint.name for joint in chain.path if not joint.moves],
+        "folded": [joint.name for joint in made.path if not joint.moves],
         "left_out": {why: [joint.name for joint in joints] for why, joints in left_out.items()},
         "gravity": robot.gravity,
         "notes": [note.as_json() for note in made.notes],
