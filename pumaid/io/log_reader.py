@@ -20,7 +20,7 @@ from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.columns import Columns, check_extra, resolve
 from pumaid.io.log_formats import HEAD_BYTES, LogSource, log_format
-from pumaid.io.paths import STDIN, LogPath, local_copy
+from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.robot import Robot
 from pumaid.units import UNITS
 
@@ -80,8 +80,8 @@ class LogReader:
         not-a-number, ragged-row, bad-samples, time-not-rising, clock-too-coarse].
     """
 
-    def __init__(self, paths: Iterable[LogPath | str], robot: Robot, *, extra: Sequence[str] = ()) -> None:
-        self._paths = tuple(Path(path) if isinstance(path, str) else path for path in paths)
+    def __init__(self, paths: Iterable[LogPath], robot: Robot, *, extra: Sequence[str] = ()) -> None:
+        self._paths = tuple(path if is_remote(path) else Path(path) for path in paths)
         self._robot = robot
         self.extra = tuple(dict.fromkeys(extra))
         self.files: tuple[FileFacts, ...] = ()

@@ -1,19 +1,21 @@
-"""Which files a user means."""
+"""Which files a user means, on disk and, by a path with a scheme, in a store."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+import fsspec
 import pytest
 
 from pumaid.errors import LogError
-from pumaid.io.paths import expand, natural
+from pumaid.io.paths import expand, local_copy
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """An experiment's folder with logs, and with what is none."""
+    folder = tmp_path / "results" / "robot 7" / "ü %41 #x?[1]"
     for name in (
         "run_10.csv",
         "run_2.csv",
@@ -27,44 +29,33 @@ def folder(tmp_path: Path) -> Path:
         "day 2/a.csv.gz",
         "dir.csv/inner.csv",
     ):
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("t\n")
-    return tmp_path
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+        (folder / name).write_text("t\n")
+    return folder
 
 
-def refusal(*arguments: str | Path) -> LogError:
-    """The error for these arguments."""
-    with pytest.raises(LogError) as caught:
-        expand(arguments)
-    return caught.value
+@pytest.mark.parametrize(
+    ("argument", "wanted"),
+    [
+        ("", "day 2/a.csv.gz|day 2/é.CSV|dir.csv/inner.csv|run_1.parquet|run_2.csv|run_10.csv"),
+        ("results/table.csv", "results/table.csv"),
+        ("results", "results/table.csv"),
+        ("notes.txt", "notes.txt"),
+        ("../*/run_*.csv", "run_2.csv|run_10.csv"),
+        ("../**/é.CSV", "day 2/é.CSV"),
+        ("../*/day*", "day 2/a.csv.gz|day 2/é.CSV"),
+    ],
+)
+def test_files_folders_and_globs(folder: Path, argument: str, wanted: str) -> None:
+    """A folder is its logs in natural order, without hidden files, results and plans; what is named is taken.
 
-
-def test_a_folder_is_its_logs_in_natural_order(folder: Path) -> None:
-    """Sub-folders too; hidden files, results, plans and other endings are left out."""
-    found = [str(path.relative_to(folder)) for path in expand([folder])]
-    expected = ["day 2/a.csv.gz", "day 2/é.CSV", "dir.csv/inner.csv", "run_1.parquet", "run_2.csv", "run_10.csv"]
-    assert found == expected
-
-
-def test_a_named_file_is_taken_whatever_its_name(folder: Path) -> None:
-    """What a folder leaves out may be named outright; naming twice is once."""
-    named = folder / "results" / "table.csv"
-    assert expand([named, str(named), folder / "results"]) == [named]
-    assert expand([folder / "notes.txt"]) == [folder / "notes.txt"]
-
-
-def test_globs_are_taken_as_the_shell_would(folder: Path) -> None:
-    """Quoted globs work, `**` crosses folders, and a glob of folders means what is in them."""
-    assert [path.name for path in expand([f"{folder}/run_*.csv"])] == ["run_2.csv", "run_10.csv"]
-    assert "inner.csv" in [path.name for path in expand([f"{folder}/**/*.csv"])]
-    assert [path.name for path in expand([f"{folder}/day*"])] == ["a.csv.gz", "é.CSV"]
-
-
-def test_brackets_in_a_name_are_no_glob(folder: Path) -> None:
-    """A file whose name looks like a pattern is found as it is."""
-    (folder / "run[1].csv").write_text("t\n")
-    assert expand([folder / "run[1].csv"]) == [folder / "run[1].csv"]
+    A URL of the same place means the same, whatever letters and folders lead there.
+    """
+    place = f"{folder.parent}/{argument[3:]}" if argument.startswith("..") else f"{folder}/{argument}".rstrip("/")
+    paths = expand([place, place])
+    assert "|".join(str(path.relative_to(folder)) for path in paths) == wanted
+    for scheme in ("file", "local"):
+        assert expand([f"{scheme}://{place}"]) == [f"{scheme}://{path}" for path in paths]
 
 
 def test_circles_of_links_end(folder: Path) -> None:
@@ -78,22 +69,23 @@ def test_standard_input_is_itself() -> None:
     assert expand(["-"]) == [Path("-")]
 
 
-def test_a_miss_names_the_nearest(folder: Path) -> None:
-    """A misspelt file, folder, glob, dead link and nothing at all each get their mend."""
-    assert "run_2.csv" in refusal(folder / "rnu_2.csv").mend
-    assert str(folder / "day 2") in refusal(folder / "day2" / "a.csv").mend
-    assert refusal(f"{folder}/*.tdms").slug == "no-such-log"
+@pytest.mark.parametrize(
+    ("argument", "slug", "said"),
+    [
+        ("rnu_2.csv", "no-such-log", "run_2.csv"),
+        ("day2/a.csv", "no-such-log", "day 2"),
+        ("*.tdms", "no-such-log", "day 2, dir.csv"),
+        ("dead.csv", "no-such-log", "dead.csv"),
+        ("empty", "no-logs", ".parquet"),
+    ],
+)
+def test_a_miss_names_the_nearest(folder: Path, argument: str, slug: str, said: str) -> None:
+    """A misspelt file or folder, a glob, a dead link and a folder without logs each get their mend."""
     (folder / "dead.csv").symlink_to("gone.csv")
-    assert "gone.csv" in refusal(folder / "dead.csv").what
-    assert refusal().slug == "no-logs"
-
-
-def test_a_folder_without_logs_says_what_it_has(folder: Path) -> None:
-    """The message lists what is there and what a log ends in."""
-    (folder / "other").mkdir()
-    (folder / "other" / "run.bag").write_text("")
-    error = refusal(folder / "other")
-    assert error.slug == "no-logs" and "run.bag" in error.what and ".parquet" in error.mend
+    (folder / "empty").mkdir()
+    with pytest.raises(LogError) as refused:
+        expand([folder / argument])
+    assert refused.value.slug == slug and said in f"{refused.value.what} {refused.value.mend}"
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
@@ -101,11 +93,44 @@ def test_an_unreadable_folder_is_told(folder: Path) -> None:
     """A folder that may not be listed is refused, not passed over."""
     (folder / "day 2").chmod(0)
     try:
-        assert refusal(folder).slug == "unreadable-log"
+        with pytest.raises(LogError) as refused:
+            expand([folder])
+        assert refused.value.slug == "unreadable-log"
     finally:
         (folder / "day 2").chmod(0o755)
 
 
-def test_natural_order() -> None:
-    """Numbers in names count as numbers."""
-    assert sorted(["b", "a10", "a2", "a", "10", "9"], key=natural) == ["9", "10", "a", "a2", "a10", "b"]
+def test_a_store_that_keeps_things_in_memory_is_like_a_folder(monkeypatch) -> None:
+    """Paths of a store do not begin with a slash; what its library raises is told as ours."""
+    store = fsspec.filesystem("memory")
+    for name in ("run_10.csv", "run_9.csv", ".run_1.csv", "results/run_2.csv"):
+        store.pipe(f"/stores/logs/{name}", b"t\n")
+    paths = expand(["memory://stores/logs"])
+    assert paths == [f"memory://stores/logs/run_{n}.csv" for n in (9, 10)]
+
+    def refused(*_, **__):
+        raise RuntimeError("AccessDenied")
+
+    monkeypatch.setattr(type(store), "open", refused)
+    with pytest.raises(LogError, match="AccessDenied") as error, local_copy(paths[0]):
+        pass
+    assert error.value.slug == "unreadable-log"
+
+
+@pytest.mark.parametrize(
+    ("argument", "slug"),
+    [
+        ("memory://nothing/here", "no-such-log"),
+        ("file:///nothing/here/*.csv", "no-such-log"),
+        ("data://x", "no-store"),
+        ("foo://x", "no-store"),
+        ("FILE:///tmp", "no-store"),
+        ("zip:///tmp/x.zip", "no-store"),
+        ("simplecache::file:///tmp/x", "no-store"),
+    ],
+)
+def test_what_leads_nowhere_is_one_message(argument, slug) -> None:
+    """Whatever the store's own library raises is told as ours, with the address."""
+    with pytest.raises(LogError) as refused:
+        expand([argument])
+    assert (refused.value.slug, refused.value.where.file) == (slug, argument) and refused.value.mend
