@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +102,11 @@ class Shape:
     is_searched: bool = True
 
 
-class Effect(ABC):
+#: Parameters or shapes.
+Entry = TypeVar("Entry", Parameter, Shape)
+
+
+class Effect:
     """A contribution to a joint's current that is linear in its parameters.
 
     An effect is final, keeps no state, reads no file and never sees the measured current. Its file's name is its name
@@ -117,8 +120,7 @@ class Effect(ABC):
     ...     source = "an example"
     ...     family = Family.SPEED
     ...     trace = (Trace.SPEED,)
-    ...     def parameters(self, robot, number):
-    ...         return (Parameter("square", "A s2/{unit}2", "current at unit speed", "c{n}"),)
+    ...     linear = (Parameter("square", "A s2/{unit}2", "current at unit speed", "c{n}"),)
     >>> Square.equation
     'square qd v'
     """
@@ -139,6 +141,15 @@ class Effect(ABC):
     seen_in: ClassVar[str] = ""
     #: Names of effects that data may not tell from it.
     look_alikes: ClassVar[tuple[str, ...]] = ()
+    #: Linear and nonlinear parameters of every owner that can have the effect; those that differ by owner override
+    #: `parameters` and `shapes`.
+    linear: ClassVar[tuple[Parameter, ...]] = ()
+    nonlinear: ClassVar[tuple[Shape, ...]] = ()
+    #: Sign that each linear parameter has if it is this physics: +1, -1, or 0 where either is possible; () for all 0.
+    sign: ClassVar[tuple[int, ...]] = ()
+    #: Why it cannot act at a joint that slides, and whether only where gravity loads the joint.
+    not_sliding: ClassVar[str] = ""
+    only_loaded: ClassVar[bool] = False
     #: Whether it belongs to the paper's model, and so is in every model.
     base: ClassVar[bool] = False
     #: Whether its parameters are separate for each set of positions at which the outer joints are held.
@@ -161,17 +172,23 @@ class Effect(ABC):
         """The file's name."""
         return type(self).__module__.rsplit(".", 1)[-1]
 
-    @abstractmethod
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         """Linear parameters that joint or link `number` (from 1; 0: the whole arm) owns; empty where it owns none."""
+        return _in_units(self.linear, robot.joint(number).position_unit if number else "rad")
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         """Nonlinear parameters of owner `number`; none for most effects."""
-        return ()
+        return _in_units(self.nonlinear, robot.joint(number).position_unit if number else "rad")
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        """Values of the shape at which a search begins, given what the owner's runs cover; at least one mapping."""
-        return (NO_SHAPE,)
+        """Values of the shape at which a search begins, given what the owner's runs cover; at least one mapping.
+
+        By default a single shape in s is an instant between two runs, or a time constant where it is searched.
+        """
+        if not self.nonlinear:
+            return (NO_SHAPE,)
+        times = _time_constants(extent) if self.nonlinear[0].is_searched else _instants(extent)
+        return tuple({self.nonlinear[0].name: time} for time in times)
 
     def formula_in(self, robot: Robot, number: int, joint: int) -> str:
         """The current in `joint` (from 1) that owner `number` causes; `formula` for most effects."""
@@ -209,15 +226,23 @@ class Effect(ABC):
         return {number: self.columns(robot, samples, number=number) for number in numbers}
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        """Sign that each parameter has if it is this physics: +1, -1, or 0 where either is possible; () for all 0."""
-        return ()
+        """`sign` of an effect with this shape."""
+        return self.sign
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1), or None where it can."""
-        return None
+        if self.not_sliding and not robot.joint(joint).is_revolute:
+            return f"joint {joint} slides: {self.not_sliding}"
+        return load_refusal(robot, joint) if self.only_loaded else None
 
 
-def instants(extent: Extent) -> tuple[float, ...]:
+@lru_cache(maxsize=256)
+def _in_units(entries: tuple[Entry, ...], unit: str) -> tuple[Entry, ...]:
+    """With `unit`, rad or m, in place of ``{unit}``."""
+    return tuple(replace(entry, unit=entry.unit.format(unit=unit)) for entry in entries)
+
+
+def _instants(extent: Extent) -> tuple[float, ...]:
     """Times (s) between runs at which something may have changed, at most `MOST_INSTANTS`, spread over the runs.
 
     Each lies in the pause before a run, just ahead of it: half way between two starts a slow run may still be going.
@@ -230,10 +255,9 @@ def instants(extent: Extent) -> tuple[float, ...]:
     return tuple(float(t) for t in between[chosen])
 
 
-def time_constants(extent: Extent) -> tuple[Mapping[str, float], ...]:
-    """Values of the shape ``time_constant`` (s) at which a search begins, from a twelfth of the campaign on."""
-    shares = np.array([0.08, 0.15, 0.3, 0.6, 1.2])
-    return tuple({"time_constant": float(t)} for t in np.clip(shares * extent.duration, 1.0, 1e6))
+def _time_constants(extent: Extent) -> tuple[float, ...]:
+    """Time constants (s) at which a search begins, from a twelfth of the campaign on."""
+    return tuple(min(max(share * extent.duration, 1.0), 1e6) for share in (0.08, 0.15, 0.3, 0.6, 1.2))
 
 
 def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:

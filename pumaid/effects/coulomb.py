@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pumaid.effects.base import Effect, Family, Parameter, Trace
-from pumaid.robot import Robot
 
 
 class Coulomb(Effect):
@@ -18,9 +17,7 @@ class Coulomb(Effect):
     family = Family.DIRECTION
     trace = (Trace.DIRECTION,)
     base = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (
-            Parameter("plus", "A", "current at zero speed, forward", "lambda1+", 0.4),
-            Parameter("minus", "A", "current at zero speed, backward", "lambda1-", -0.3),
-        )
+    linear = (
+        Parameter("plus", "A", "current at zero speed, forward", "lambda1+", 0.4),
+        Parameter("minus", "A", "current at zero speed, backward", "lambda1-", -0.3),
+    )

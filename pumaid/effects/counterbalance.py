@@ -29,21 +29,12 @@ class Counterbalance(Effect):
     trace = (Trace.POSITION,)
     seen_in = "runs of its joint over the whole span, in postures that change the joint's load"
     look_alikes = ("spring", "tilt", "ripple", "flexibility")
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (
-            Shape("length", "1", "lever over the distance of the foot from the axis", 0.02, 0.98, 0.4),
-            Shape("angle", "rad", "position at which cylinder and lever are in line", -np.pi, np.pi, 0.5),
-        )
+    linear = (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)
+    nonlinear = (
+        Shape("length", "1", "lever over the distance of the foot from the axis", 0.02, 0.98, 0.4),
+        Shape("angle", "rad", "position at which cylinder and lever are in line", -np.pi, np.pi, 0.5),
+    )
+    not_sliding = "a constant force along it is part of its Coulomb friction"
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        angles = np.arange(-4, 4) * np.pi / 4
-        return tuple({"length": c, "angle": float(p)} for c in (0.2, 0.5, 0.8) for p in angles)
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        if not robot.joint(joint).is_revolute:
-            return f"joint {joint} slides; a constant force along it is part of its Coulomb friction"
-        return None
+        return tuple({"length": c, "angle": k * np.pi / 4} for c in (0.2, 0.5, 0.8) for k in range(-4, 4))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace, load_refusal
-from pumaid.robot import Robot
+from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 
 class Delay(Effect):
@@ -26,11 +25,6 @@ class Delay(Effect):
     seen_in = "runs both ways at several speeds, over stretches on which the load changes steeply"
     look_alikes = ("position_friction",)
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("dt", "s", "how late the current is logged", "dt{n}", 0.01, -1.0, 1.0),)
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        if not robot.joint(joint).is_revolute:
-            return f"joint {joint} slides: its load does not change with its own position"
-        return load_refusal(robot, joint)
+    linear = (Parameter("dt", "s", "how late the current is logged", "dt{n}", 0.01, -1.0, 1.0),)
+    not_sliding = "its load does not change with its own position"
+    only_loaded = True

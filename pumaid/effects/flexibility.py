@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace, load_refusal
-from pumaid.robot import Robot
+from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
 
 
 class Flexibility(Effect):
@@ -27,11 +26,6 @@ class Flexibility(Effect):
     seen_in = "runs under much and little load: stretched and folded postures, a payload"
     look_alikes = ("counterbalance", "zero_offset", "spring")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("c", "rad/A", "deflection per current of the load", "c{n}", 0.01, -1.0, 1.0),)
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        if not robot.joint(joint).is_revolute:
-            return f"joint {joint} slides: its load does not change with its own position"
-        return load_refusal(robot, joint)
+    linear = (Parameter("c", "rad/A", "deflection per current of the load", "c{n}", 0.01, -1.0, 1.0),)
+    not_sliding = "its load does not change with its own position"
+    only_loaded = True

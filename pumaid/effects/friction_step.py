@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace, instants
-from pumaid.robot import Robot
-from pumaid.samples import Extent
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
 
 
 class FrictionStep(Effect):
@@ -29,12 +25,5 @@ class FrictionStep(Effect):
     seen_in = "runs both ways that are repeated before and after"
     look_alikes = ("warmup", "torque_constant_drift", "thermal_friction")
     is_repeatable = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A", "friction that came at that instant", "a{n}", 0.08),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time", "s", "when it came, counted from the first motion", 0.0, 1e9, 600.0, False),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"time": t} for t in instants(extent))
+    linear = (Parameter("a", "A", "friction that came at that instant", "a{n}", 0.08),)
+    nonlinear = (Shape("time", "s", "when it came, counted from the first motion", 0.0, 1e9, 600.0, False),)

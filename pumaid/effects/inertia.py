@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
-from pumaid.robot import Robot
 
 
 class Inertia(Effect):
@@ -25,10 +22,5 @@ class Inertia(Effect):
     seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")
     per_posture = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        unit = f"A s2/{robot.joint(number).position_unit}"
-        return (Parameter("J", unit, "current per acceleration", "J{n}", 0.02),)
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # mass is positive
+    linear = (Parameter("J", "A s2/{unit}", "current per acceleration", "J{n}", 0.02),)
+    sign = (1,)  # mass is positive

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace, load_refusal
 from pumaid.robot import Robot
 
@@ -30,15 +28,11 @@ class LoadFriction(Effect):
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
     look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (
-            Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0),
-            Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0),
-        )
+    linear = (
+        Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0),
+        Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0),
+    )
+    sign = (1, 1)  # a load never helps the motion
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         return load_refusal(robot, joint, must_change=True)
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1, 1)  # a load never helps the motion

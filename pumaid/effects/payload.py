@@ -15,12 +15,11 @@ from pumaid.effects.base import (
     Scope,
     Shape,
     Trace,
-    instants,
     load_refusal,
 )
 from pumaid.effects.formula import loads_of
 from pumaid.robot import Robot
-from pumaid.samples import Extent, Samples
+from pumaid.samples import Samples
 
 
 class Payload(Effect):
@@ -47,10 +46,9 @@ class Payload(Effect):
     seen_in = "the same runs with and without it"
     look_alikes = ("torque_constant_drift", "tilt")
     needs_loads = True
+    nonlinear = (Shape("time", "s", "when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        if number:
-            return ()
         length = "m" if robot.joints[-1].is_revolute else "1"
         mass, moment = ("A s2/m2", "A s2/m") if length == "m" else ("A s2/m", "A s2")
         felt = "in the last link's frame, times the last joint's gain"
@@ -60,12 +58,6 @@ class Payload(Effect):
             Parameter("y", moment, f"first moment along y {felt}", "my", -0.003),
             Parameter("z", moment, f"first moment along z {felt}", "mz", 0.01),
         )
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time", "s", "when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"time": t} for t in instants(extent))
 
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE

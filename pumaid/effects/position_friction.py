@@ -32,12 +32,10 @@ class PositionFriction(Effect):
     seen_in = "runs both ways over the joint's whole span"
     look_alikes = ("load_friction", "side_load_friction")
     is_repeatable = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (
-            Parameter("cos", "A", "friction in phase with the cosine of harmonic q", "f{n}c", 0.06),
-            Parameter("sin", "A", "friction in phase with the sine of harmonic q", "f{n}s", -0.04),
-        )
+    linear = (
+        Parameter("cos", "A", "friction in phase with the cosine of harmonic q", "f{n}c", 0.06),
+        Parameter("sin", "A", "friction in phase with the sine of harmonic q", "f{n}s", -0.04),
+    )
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         if robot.joint(number).is_revolute:

@@ -34,18 +34,11 @@ class Presliding(Effect):
     trace = (Trace.POSITION, Trace.DIRECTION)
     seen_in = "slow runs both ways, each from rest"
     look_alikes = ("inertia",)
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        unit = robot.joint(number).position_unit
-        return (Shape("travel", unit, "travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
+    linear = (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1),)
+    nonlinear = (Shape("travel", "{unit}", "travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
+    sign = (1,)  # friction builds up
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         longest = max(extent.travel / 4.0, 1e-4)
         lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, STARTS)
         return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 0.4))
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # friction builds up

@@ -42,16 +42,11 @@ class Ripple(Effect):
     look_alikes = ()
     is_repeatable = True
     periodic = "frequency"
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (
-            Parameter("cos", "A", "ripple in phase with the cosine of frequency q", "r{n}c", 0.03),
-            Parameter("sin", "A", "ripple in phase with the sine of frequency q", "r{n}s", 0.02),
-        )
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        unit = f"rad/{robot.joint(number).position_unit}"
-        return (Shape("frequency", unit, "radians of phase per rad or m of the joint", 0.5, 1e5, 50.0),)
+    linear = (
+        Parameter("cos", "A", "ripple in phase with the cosine of frequency q", "r{n}c", 0.03),
+        Parameter("sin", "A", "ripple in phase with the sine of frequency q", "r{n}s", 0.02),
+    )
+    nonlinear = (Shape("frequency", "rad/{unit}", "radians of phase per rad or m of the joint", 0.5, 1e5, 50.0),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         span = max(extent.position[1] - extent.position[0], extent.finest)

@@ -32,15 +32,9 @@ class Saturation(Effect):
     seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("limit", "A", "current above which it is clipped", 1e-4, 1000.0, 2.0),)
+    linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0),)
+    nonlinear = (Shape("limit", "A", "current above which it is clipped", 1e-4, 1000.0, 2.0),)
+    sign = (1,)  # what is clipped is missing
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"limit": float(np.clip(c * extent.current, 1e-4, 1000.0))} for c in SHARES)
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # what is clipped is missing

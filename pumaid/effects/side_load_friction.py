@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
-from pumaid.robot import Robot
 
 
 class SideLoadFriction(Effect):
@@ -30,14 +27,6 @@ class SideLoadFriction(Effect):
     seen_in = "runs both ways in postures in which gravity bends the joint's axis much and little"
     look_alikes = ("load_friction", "position_friction")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0),)
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        if not robot.joint(joint).is_revolute:
-            return f"joint {joint} slides, and how its guide is loaded cannot be known from its weight alone"
-        return None
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # a load never helps the motion
+    linear = (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0),)
+    sign = (1,)  # a load never helps the motion
+    not_sliding = "how its guide is loaded cannot be known from its weight alone"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pumaid.effects.base import Effect, Family, Parameter, Trace
-from pumaid.robot import Robot
 
 
 class Spring(Effect):
@@ -23,7 +22,4 @@ class Spring(Effect):
     trace = (Trace.POSITION,)
     seen_in = "runs over the joint's whole span, in postures of much and little load"
     look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        unit = f"A/{robot.joint(number).position_unit}"
-        return (Parameter("a", unit, "stiffness, as current", "a{n}", 0.1),)
+    linear = (Parameter("a", "A/{unit}", "stiffness, as current", "a{n}", 0.1),)

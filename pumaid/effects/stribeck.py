@@ -34,21 +34,14 @@ class Stribeck(Effect):
     trace = (Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
     look_alikes = ("viscous_power", "torque_droop", "saturation")
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        unit = f"{robot.joint(number).position_unit}/s"
-        return (
-            Shape("velocity", unit, "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),
-            Shape("exponent", "1", "how sudden the fall is", 0.5, 2.0, 1.0),
-        )
+    linear = (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1),)
+    nonlinear = (
+        Shape("velocity", "{unit}/s", "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),
+        Shape("exponent", "1", "how sudden the fall is", 0.5, 2.0, 1.0),
+    )
+    sign = (1,)  # friction falls from rest
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
         speeds = np.clip(np.geomspace(slow, max(fast, 2.0 * slow), STARTS), 1e-4, 20.0)
         return tuple({"velocity": float(v), "exponent": d} for v in speeds for d in (1.0, 2.0))
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # friction falls from rest

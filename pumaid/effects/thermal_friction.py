@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from pumaid.effects.base import Effect, Family, Parameter, Trace
-from pumaid.robot import Robot
-
-#: degC; where the effect is nothing. Another choice only moves Coulomb friction.
-REFERENCE = 25.0
 
 
 class ThermalFriction(Effect):
@@ -28,6 +24,4 @@ class ThermalFriction(Effect):
     trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "logs that hold the motors' temperatures, of a cold and of a warm arm"
     look_alikes = ("warmup", "torque_constant_drift", "friction_step")
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A/degC", "friction per degree", "a{n}", -0.008),)
+    linear = (Parameter("a", "A/degC", "friction per degree", "a{n}", -0.008),)

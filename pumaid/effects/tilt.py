@@ -35,25 +35,17 @@ class Tilt(Effect):
     needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        if number:
-            return ()
-        loads = [
-            Parameter(
-                f"{part}{n}", "A", f"load that link {n}'s own moment gives upright joint {n}", f"tilt {part}{n}", 0.01
-            )
-            for n in _uprights(robot)
-            for part in ("cos", "sin")
-        ]
-        return (
+        out = [
             Parameter("x", "rad", "turn of the base about its x axis", "tilt x", 0.02, -0.5, 0.5),
             Parameter("y", "rad", "turn of the base about its y axis", "tilt y", -0.015, -0.5, 0.5),
-            *loads,
-        )
+        ]
+        for n in _uprights(robot):
+            meaning = f"load that link {n}'s own moment gives upright joint {n}"
+            out += [Parameter(f"{part}{n}", "A", meaning, f"tilt {part}{n}", 0.01) for part in ("cos", "sin")]
+        return tuple(out)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        meaning = (
-            "gain of an upright joint over that of the next joint that gravity loads, which no other current tells"
-        )
+        meaning = "gain of an upright joint over that of the next joint with a load, which no other current tells"
         return (Shape("waist", "1", meaning, -30.0, 30.0, 1.0),) if _uprights(robot) else ()
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace, time_constants
-from pumaid.robot import Robot
-from pumaid.samples import Extent
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
 
 
 class TorqueConstantDrift(Effect):
@@ -28,12 +24,5 @@ class TorqueConstantDrift(Effect):
     seen_in = "runs under much load, repeated over one long recording from a cold start"
     look_alikes = ("warmup", "thermal_friction", "friction_step", "payload")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "1", "share of current that is added when warm", "a{n}", 0.05, -1.0, 1.0),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time_constant", "s", "time in which the change is down to 1/e", 1.0, 1e6, 900.0),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return time_constants(extent)
+    linear = (Parameter("a", "1", "share of current that is added when warm", "a{n}", 0.05, -1.0, 1.0),)
+    nonlinear = (Shape("time_constant", "s", "time in which the change is down to 1/e", 1.0, 1e6, 900.0),)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
-from pumaid.robot import Robot
 
 
 class TorqueDroop(Effect):
@@ -27,9 +24,5 @@ class TorqueDroop(Effect):
     seen_in = "runs under much and little load, up to high currents"
     look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01),)
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # the motor gives less, so it needs more
+    linear = (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01),)
+    sign = (1,)  # the motor gives less, so it needs more

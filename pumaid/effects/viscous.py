@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pumaid.effects.base import Effect, Family, Parameter, Trace
-from pumaid.robot import Robot
 
 
 class Viscous(Effect):
@@ -15,10 +14,7 @@ class Viscous(Effect):
     family = Family.SPEED
     trace = (Trace.SPEED,)
     base = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        unit = f"A s/{robot.joint(number).position_unit}"
-        return (
-            Parameter("plus", unit, "current per speed, forward", "lambda2+", 0.2),
-            Parameter("minus", unit, "current per speed, backward", "lambda2-", 0.15),
-        )
+    linear = (
+        Parameter("plus", "A s/{unit}", "current per speed, forward", "lambda2+", 0.2),
+        Parameter("minus", "A s/{unit}", "current per speed, backward", "lambda2-", 0.15),
+    )

@@ -27,13 +27,8 @@ class ViscousPower(Effect):
     trace = (Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at four speeds or more, up to the fastest allowed"
     look_alikes = ("stribeck", "torque_droop", "saturation")
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        speed = f"1 {robot.joint(number).position_unit}/s"
-        return (Parameter("b", "A", f"current at a speed of {speed}", "b{n}", 0.15),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("exponent", "1", "power of speed", 0.1, 4.0, 0.5),)
+    linear = (Parameter("b", "A", "current at unit speed (1 rad/s or 1 m/s)", "b{n}", 0.15),)
+    nonlinear = (Shape("exponent", "1", "power of speed", 0.1, 4.0, 0.5),)
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         return tuple({"exponent": p} for p in (0.25, 0.5, 1.5, 2.0, 3.0))

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace, time_constants
-from pumaid.robot import Robot
-from pumaid.samples import Extent
+from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
 
 
 class Warmup(Effect):
@@ -28,15 +24,6 @@ class Warmup(Effect):
     trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "runs both ways, repeated over one long recording from a cold start"
     look_alikes = ("torque_constant_drift", "thermal_friction", "friction_step")
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1),)
-
-    def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        return (Shape("time_constant", "s", "time in which the excess falls to 1/e", 1.0, 1e6, 600.0),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return time_constants(extent)
-
-    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        return (1,)  # cold grease is stiffer
+    linear = (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1),)
+    nonlinear = (Shape("time_constant", "s", "time in which the excess falls to 1/e", 1.0, 1e6, 600.0),)
+    sign = (1,)  # cold grease is stiffer

@@ -38,9 +38,7 @@ class ZeroOffset(Effect):
     seen_in = "runs of the joints before it while it is held at several positions, better with a payload"
     look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")
     needs_loads = True
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return (Parameter("delta", "rad", "true position less measured position", "delta{n}", 0.03, -0.5, 0.5),)
+    linear = (Parameter("delta", "rad", "true position less measured position", "delta{n}", 0.03, -0.5, 0.5),)
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:
