@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.diagnosis.records import Transfer
-from pumaid.diagnosis.score_test import Projector
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, elsewhere
+from pumaid.estimation.projection import Projector
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import FLAT, pseudo_inverse
 

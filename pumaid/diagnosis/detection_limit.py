@@ -7,10 +7,11 @@ from scipy import special
 
 from pumaid.diagnosis.candidates import Key
 from pumaid.diagnosis.records import Limit
-from pumaid.diagnosis.score_test import Projector, ScoreTable, ScoreTest
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
 from pumaid.diagnosis.sign_flip import GROSS, PERIODIC, SignFlips
 from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
 from pumaid.effects import Effect, Scope
+from pumaid.estimation.projection import Projector
 from pumaid.robot import Robot
 
 #: Chance with which an effect of the limit's size is found.

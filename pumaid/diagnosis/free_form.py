@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.score_test import Projector, ScoreTest, score_of
+from pumaid.diagnosis.score_test import ScoreTest, score_of
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
 from pumaid.estimation.fit import Fit
+from pumaid.estimation.projection import Projector
 from pumaid.joint_bins import JointBins
 from pumaid.robot import Robot
 from pumaid.samples import Samples

@@ -12,7 +12,7 @@ from pumaid.design.discrimination import SHAPES, showing
 from pumaid.design.prior import Setup, prior_robots
 from pumaid.diagnosis.candidates import grid_of
 from pumaid.diagnosis.records import Finding
-from pumaid.diagnosis.score_test import Projector, ScoreTest, refine_shape, scores_at
+from pumaid.diagnosis.score_test import ScoreTest, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.diagnosis.verdict import next_run
 from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
@@ -21,6 +21,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import Fit, loaded
 from pumaid.estimation.gls import fit_with_replicates
+from pumaid.estimation.projection import Projector
 from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot

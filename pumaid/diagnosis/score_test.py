@@ -12,8 +12,9 @@ from scipy import special
 
 from pumaid.diagnosis.candidates import Candidates, Key, grid_of
 from pumaid.diagnosis.periodogram import Spectrum
-from pumaid.effect_spec import EffectTerm, columns_each
+from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import ABSORBED, Fit
+from pumaid.estimation.projection import Projector
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]
@@ -86,69 +87,6 @@ class ScoreTable:
             used = float(np.sum((row.slim @ inverse[np.ix_(row.acting, row.acting)]) * row.slim))
             parts.append(np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs))))
         return np.concatenate(parts)
-
-
-class Projector:
-    """What is left of candidates' columns beyond a fit."""
-
-    def __init__(self, solved: Fit) -> None:
-        self.solved = solved
-        stops = np.cumsum([0, *(len(row.bins.runs) for row in solved.joints)]).tolist()
-        self.runs = {row.bins.joint: slice(*stops[k : k + 2]) for k, row in enumerate(solved.joints)}
-        self.total = stops[-1]
-
-    @cached_property
-    def base_scores(self) -> Floats:
-        """(R, P) score of each run for the fit's parameters."""
-        out = np.zeros((self.total, len(self.solved.inverse)))
-        for row in self.solved.joints:
-            out[self.runs[row.bins.joint], row.acting] = row.bins.sums(row.slim * row.residual[:, None])
-        return out
-
-    def crossed(self, white: Mapping[int, Floats]) -> Floats:
-        """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
-        out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
-        for joint, columns in white.items():
-            row = self.solved.row(joint)
-            out[row.acting] += row.slim.T @ columns
-        return out
-
-    def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
-        """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
-
-        Of whitened columns (N, V) by joint, zero in joints that are absent: (R, V) scores of all joints' runs,
-        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection.
-        """
-        cross = self.crossed(white)
-        turned = self.solved.inverse @ cross
-        scores, gram = -self.base_scores @ turned, np.zeros((cross.shape[1] // width, width, width))
-        for joint, columns in white.items():
-            row = self.solved.row(joint)
-            scores[self.runs[joint]] += row.bins.sums(columns * row.residual[:, None])
-            gram += _products(columns, columns, width)
-        raw = np.diagonal(gram, axis1=1, axis2=2).ravel()
-        return scores, gram - _products(cross, turned, width), raw
-
-    def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
-        """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
-        rows = [row for row in self.solved.joints if terms[0].touches(row.bins.joint)]
-        made = {row.bins.joint: columns_each(terms, self.solved.model.robot, row.bins.samples) for row in rows}
-        return {joint: columns for joint, columns in made.items() if np.any(columns)}
-
-    def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
-        """The same by the noise of each joint."""
-        rows = {joint: self.solved.row(joint) for joint in columns}
-        return {joint: rows[joint].noise.whiten(rows[joint].bins, values) for joint, values in columns.items()}
-
-
-def _products(left: Floats, right: Floats, width: int) -> Floats:
-    """(k, m, m) products of the m columns of each of k candidates, side by side in both (N, V) tables."""
-    out = np.empty((left.shape[1] // width, width, width))
-    if len(out) == 1:
-        return np.asarray((left.T @ right)[None])
-    for i, j in np.ndindex(width, width):
-        out[:, i, j] = np.einsum("nk,nk->k", left[:, i::width], right[:, j::width])
-    return out
 
 
 def score_of(

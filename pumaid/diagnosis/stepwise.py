@@ -13,21 +13,14 @@ from pumaid.diagnosis.candidates import Key, candidates, settling
 from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.records import Transfer
-from pumaid.diagnosis.score_test import (
-    Projector,
-    ScoreTable,
-    ScoreTest,
-    minus_log10_p,
-    refine_shape,
-    score_at,
-    score_candidates,
-)
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p, refine_shape, score_at, score_candidates
 from pumaid.diagnosis.sign_flip import PERIODIC, SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Fit, at_bins, loaded, misfit_at
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
+from pumaid.estimation.projection import Projector
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
 

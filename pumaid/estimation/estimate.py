@@ -19,7 +19,7 @@ from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
 from pumaid.estimation.fit import run_of
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import FittedParameters, combinations
-from pumaid.estimation.nonlinear import EffectFit, Ends, Profile, fit_effects
+from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.estimation.reasons import JointCoverage, reason
 from pumaid.model import DELAY, Model
 from pumaid.robot import EffectChoice, Robot
@@ -176,13 +176,13 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
             continue
         linear = [n for n, column in columns.items() if column.shape is None]
         best = term.at(result.shapes[place])
-        profile = Profile(result.search.without(place), best, result.fit.limit[linear])
+        profile = ShapeLikelihood(result.search.without(place), best, result.fit.limit[linear])
         for n, column in columns.items():
             if column.shape is not None:
                 error = float(np.sqrt(parameters.covariance[n, n]))
-                out[n] = profile.shape(column.shape, error=error, reach=float(reach[n]))
+                out[n] = profile.interval(column.shape, error=error, reach=float(reach[n]))
         out |= dict(zip(linear, map(tuple, profile.linear(reach[linear]).tolist()), strict=True))
-        names = profile.ground.fit.model.names
+        names = profile.projector.solved.model.names
         same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
         before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
         moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == term.number}

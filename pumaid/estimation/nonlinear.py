@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Run
-from pumaid.effect_spec import EffectTerm, columns_each, scale_of, terms_of
+from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Scope
 from pumaid.effects.base import Family, Shape
 from pumaid.errors import ModelError, Where
-from pumaid.estimation.fit import Fit, rmse_by_joint, with_loads
-from pumaid.estimation.gls import Progress, eased, fit_bins, plausible, refit, releveled, with_chain_rule
+from pumaid.estimation.fit import Fit, rmse_by_joint
+from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
+from pumaid.estimation.projection import Projector, Refit
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice
+from pumaid.samples import Extent
 from pumaid.units import number
 
 Floats = NDArray[np.float64]
@@ -42,141 +44,155 @@ WITHIN = 3.84
 STARTS = 2
 #: How many times beyond its grid a shape is looked for.
 BEYOND = 2.0
-#: Relative step of the refinement's own derivatives, and its relative gain that is not worth another step: the fit of
-#: all parameters together goes on from there.
-NUDGE, ENOUGH = 1e-4, 1e-4
+#: Relative step of a refinement's own derivatives; its gain that is not worth another step, relative where a search
+#: begins (the fit of all parameters together goes on from there), and of the squares where a likelihood is profiled.
+NUDGE, ENOUGH, PRECISE = 1e-4, 1e-4, 1e-3
 #: Frequencies of a long grid that are looked at closely, after a periodogram has ranked them; bins of a period of the
 #: highest of them, and of its resolution.
 SHORTLIST, PERIOD = 24, 8
-#: Share of a column's squares beyond what is fitted already, below which there is only rounding.
-NOTHING = 1e-9
 #: How much worse a joint may be met with more effects: each is weighted by its noise, so a little is no fault; and the
 #: share of its current below which a misfit is nothing.
 WORSE, VISIBLE = 1.5, 1e-3
 #: First step of a search for an interval's end, in standard errors, and by how much steps grow; steps to each side at
-#: most; and the precision to which the other shapes are found at each, in their scale.
-STRIDE, GROWTH, MOST_STRIDES, PRECISE = 0.5, 1.5, 12, 1e-2
+#: most.
+STRIDE, GROWTH, MOST_STRIDES = 0.5, 1.5, 12
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Refit:
-    """An effect added to a fit that is linearised.
+@dataclass(eq=False, slots=True)
+class ShapeLikelihood:
+    """The likelihood of one effect's shapes, everything else refitted at each.
 
-    Attributes
-    ----------
-    gain
-        Fall of the weighted squares.
-    values, half
-        (p,) its linear parameters and (p, k) half of their covariance: ``half half'``.
-    shift
-        (P, p): by how much all that was fitted before moves with each of them.
+    `projector` is of the fit without the effect, `term` the effect with the shapes that are given. `limits` (p,) are
+    prior deviations of its linear parameters, where not those at each shape: what is plausible does not grow where a
+    shape hides what a parameter does. `path` are the shapes looked at, and the fits with them.
+
+    Source: D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, Wiley 1988, section 6.1.
     """
 
-    gain: float
-    values: Floats
-    half: Floats
-    shift: Floats
+    projector: Projector
+    term: EffectTerm
+    limits: Floats | None = None
+    path: list[tuple[Point, Refit]] = field(default_factory=list)
+
+    @property
+    def shapes(self) -> dict[str, Shape]:
+        """By name."""
+        return self.term.shapes(self.projector.solved.model.robot)
+
+    def at(self, points: Sequence[Point]) -> list[tuple[Point, Refit]]:
+        """The fits with some shapes."""
+        refits = self.projector.refits([self.term.at(point) for point in points], limits=self.limits)
+        self.path += zip(points, refits, strict=True)
+        return self.path[-len(points) :]
+
+    def best_near(self, start: Point, bounds: Mapping[str, Ends], *, enough: float) -> tuple[Point, Refit]:
+        """The best shape near a start between `bounds`, each measured by its own scale."""
+        from scipy import optimize  # it takes as long to load as an identification
+
+        middle, before = np.array([start[name] for name in bounds]), len(self.path)
+        scales = np.array([scale_of(self.shapes[name], start[name]) for name in bounds])
+        low, high = ((np.array(list(bounds.values())) - middle[:, None]) / scales[:, None]).T
+
+        def cost(step: Floats) -> tuple[float, Floats]:
+            nudges = np.where(step + NUDGE <= high, NUDGE, -NUDGE)
+            steps = middle + scales * np.array([step, *(step + np.diag(nudges))])
+            fits = self.at([start | dict(zip(bounds, values.tolist(), strict=True)) for values in steps])
+            costs = -np.array([refit.gain for _, refit in fits])
+            return float(costs[0]), (costs[1:] - costs[0]) / nudges
+
+        limits, zero = optimize.Bounds(low, high), np.zeros(len(bounds))
+        optimize.minimize(cost, zero, jac=True, method="L-BFGS-B", bounds=limits, options={"ftol": enough})
+        return max(self.path[before:], key=lambda fit: fit[1].gain)
+
+    def interval(self, name: str, *, error: float, reach: float) -> Ends:
+        """Ends of the interval of one fitted shape, `reach` standard errors wide; `error` is that by the tangent."""
+        (best,) = self.at([dict(self.term.shape)])
+        sides = [self._walk(name, best, stride=way * STRIDE * error, rise=reach**2) for way in (-1.0, 1.0)]
+        return sides[0], sides[1]
+
+    def linear(self, reach: Floats) -> Floats:
+        """(p, 2) ends of the linear parameters' intervals, (p,) standard errors wide: the envelope at all shapes."""
+        values = np.array([refit.values for _, refit in self.path])
+        errors = np.array([np.linalg.norm(refit.half, axis=1) for _, refit in self.path])
+        return self._envelope(values, errors, reach)
+
+    def others(self, reach: Floats) -> Floats:
+        """(P, 2) the same of all that was fitted before, parameters and ratios."""
+        fitted = self.projector.solved
+        start, variances = np.append(fitted.values, fitted.gains.ratios), np.diag(fitted.inverse)
+        values = np.array([start + refit.shift @ refit.values for _, refit in self.path])
+        errors = [np.sqrt(variances + np.sum((refit.shift @ refit.half) ** 2, axis=1)) for _, refit in self.path]
+        return self._envelope(values, np.array(errors), reach)
+
+    def _envelope(self, values: Floats, errors: Floats, reach: Floats) -> Floats:
+        """(P, 2) lowest and highest ends of intervals at (K, P) values, narrower where the likelihood is lower."""
+        gains = np.array([refit.gain for _, refit in self.path])
+        remaining = reach**2 - (gains.max() - gains)[:, None]
+        widths = np.where(remaining > 0.0, np.sqrt(np.maximum(remaining, 0.0)) * errors, -np.inf)
+        return np.column_stack([np.min(values - widths, axis=0), np.max(values + widths, axis=0)])
+
+    def _walk(self, name: str, best: tuple[Point, Refit], *, stride: float, rise: float) -> float:
+        """The end of an interval on one side: where the squares have risen by `rise`, or a bound."""
+        facts, (shape, before), step = self.shapes[name], best, stride
+        rest = {other: (self.shapes[other].low, self.shapes[other].high) for other in self.term.fitted if other != name}
+        for _ in range(MOST_STRIDES):
+            value = _clipped(facts, shape[name] + step)
+            (near,) = self.at([shape | {name: value}])
+            enough = PRECISE / max(abs(near[1].gain), 1.0)
+            there, refit = self.best_near(near[0], rest, enough=enough) if rest else near
+            lost, earlier = best[1].gain - refit.gain, max(best[1].gain - before.gain, 0.0)
+            if lost >= rise:
+                share = (np.sqrt(rise) - np.sqrt(earlier)) / (np.sqrt(lost) - np.sqrt(earlier))
+                return float(shape[name] + share * (value - shape[name]))
+            if value in (facts.low, facts.high):
+                return value
+            shape, before, step = there, refit, step * GROWTH
+        return shape[name]
 
 
-class Linearised:
-    """A fit whose bins tell what any further effect would add, all else refitted; loads are those of `whole`."""
-
-    def __init__(self, fit: Fit, term: EffectTerm, *, at_nodes: bool, whole: Fit) -> None:
-        self.fit, self.at_nodes, self.robot = fit, at_nodes, fit.model.robot
-        self.rows = [fit.row(row.joint) for row in fit.rows if term.touches(row.joint)]
-        self.extent = extent([row.bins for row in self.rows], 0 if term.effect.scope is Scope.ARM else term.number)
-        self.samples = []
-        for row in self.rows:
-            points = row.bins.nodes[0] if at_nodes else row.bins.samples
-            sizes = (3 if at_nodes else 1) * row.bins.lengths
-            self.samples.append(with_loads(whole, points, sizes) if term.effect.needs_loads else points)
-
-    def added(self, terms: Sequence[EffectTerm], *, limits: Floats | None = None) -> list[Refit]:
-        """An effect with each of some shapes, without its derivatives, its linear parameters held by priors.
-
-        `limits` (p,) are their prior deviations; where not given, those that a fit with this shape has.
-        """
-        count, out, peaks = len(terms), [], []
-        width = len(terms[0].effect.parameters(self.robot, terms[0].number))
-        gram, cross = np.zeros((count, width, width)), np.zeros((count, width))
-        overlap = np.zeros((len(self.fit.inverse), count * width))
-        for row, samples in zip(self.rows, self.samples, strict=True):
-            table = columns_each(terms, self.robot, samples)
-            table = row.bins.averaged(table) if self.at_nodes else table
-            white = row.noise.whiten(row.bins, table)
-            peaks.append(np.abs(table).max(axis=0))
-            overlap[row.acting] += row.slim.T @ white
-            cross += (row.residual @ white).reshape(count, width)
-            by_term = white.reshape(-1, count, width).transpose(1, 2, 0)
-            gram += by_term @ by_term.transpose(0, 2, 1)
-        spans = [column.span for column in replace(terms[0], fitted=()).parts(self.robot, 0)]
-        bins = [row.bins for row in self.rows]
-        for k in range(count):
-            place = slice(k * width, (k + 1) * width)
-            peak = np.array(peaks)[:, place].T.tolist()
-            usual = [plausible(list(zip(bins, row, strict=True)), span) for row, span in zip(peak, spans, strict=True)]
-            shift = -self.fit.inverse @ overlap[:, place]
-            raw, beyond = np.diag(gram[k]), gram[k] + overlap[:, place].T @ shift
-            size = np.sqrt(np.where(raw > 0, raw, 1.0))
-            scale = np.maximum((np.array(usual) if limits is None else limits) * size, NOTHING)
-            values, vectors = np.linalg.eigh(beyond / np.outer(size, size) + np.diag(scale**-2.0))
-            is_shown = values > NOTHING
-            half = vectors[:, is_shown] / np.sqrt(values[is_shown]) / size[:, None]
-            solution = half @ (half.T @ cross[k])
-            out.append(Refit(float(solution @ cross[k]), solution, half, shift))
-        return out
-
-    def grid(self, term: EffectTerm) -> list[Point]:
-        """Where a search begins, given shapes kept; of many frequencies those that are strongest in the misfit."""
-        points = _distinct({**point, **term.shape} for point in term.effect.grid(self.robot, self.extent))
-        periodic = term.effect.periodic
-        if periodic is None or periodic in term.shape or len(points) <= SHORTLIST:
-            return points
-        frequencies = np.array([point[periodic] for point in points])
-        row = next(row for row in self.rows if row.bins.joint == term.number)
-        q = row.bins.samples.position[:, term.number - 1]
-        step = 2.0 * np.pi / (PERIOD * float(frequencies.max()))
-        where = np.round((q - float(q.min())) / step).astype(np.int64)
-        size = 2 ** int(np.ceil(np.log2((where.max() + 1) * PERIOD)))
-        line = np.bincount(where, weights=row.bins.count * row.misfit, minlength=size)
-        spectrum = np.abs(np.fft.rfft(line)) ** 2
-        at = np.round(frequencies * step * size / (2.0 * np.pi)).astype(np.int64)
-        power = spectrum[np.minimum(at, len(spectrum) - 1)]
-        return [points[k] for k in sorted(np.argsort(-power, kind="stable")[:SHORTLIST])]
-
-
-def _distinct(points: Iterable[Point]) -> list[Point]:
-    return list({tuple(sorted(point.items())): point for point in points}.values())
-
-
-def search_shape(ground: Linearised, term: EffectTerm, free: Sequence[str]) -> tuple[EffectTerm, dict[str, Ends]]:
+def search_shape(projector: Projector, term: EffectTerm, free: Sequence[str]) -> tuple[EffectTerm, dict[str, Ends]]:
     """The effect with the shape that explains most of what a fit leaves, and what the data leave open of it at 95 %.
 
-    Parameters
-    ----------
-    ground
-        The fit without it.
-    term
-        The effect, with the shapes that are given.
-    free
-        Names of the shapes to look for; what is open is told by name of those without derivative (an instant, a whole
-        number).
+    `projector` is of the fit without it, `free` are the shapes to look for; what is open is told by name of those
+    without derivative (an instant, a whole number).
     """
-    shapes = term.shapes(ground.robot)
+    likelihood, robot = ShapeLikelihood(projector, term), projector.solved.model.robot
+    shapes, effect = likelihood.shapes, term.effect
+    rows = [row.bins for row in projector.solved.joints if term.touches(row.bins.joint)]
+    covered = extent(rows, 0 if effect.scope is Scope.ARM else term.number)
     fixed = [name for name in free if not shapes[name].is_searched]
-    grid = ground.grid(term)
-    gains = np.array([refit.gain for refit in ground.added([term.at(point) for point in grid])])
-    if fixed:
-        grid = _closer(ground, term, grid, grid[int(np.argmax(gains))])
-        gains = np.array([refit.gain for refit in ground.added([term.at(point) for point in grid])])
-    order = np.argsort(-gains, kind="stable")
-    ends = [(grid[order[0]], float(gains[order[0]]))]
+    fits = likelihood.at(_grid(projector, term, covered))
+    best = max(fits, key=lambda fit: fit[1].gain)
+    for name in (name for name in fixed if shapes[name].unit == "s"):
+        near = replace(covered, starts=_neighbours(covered.starts, [point[name] for point, _ in fits], best[0][name]))
+        fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
+    fits.sort(key=lambda fit: -fit[1].gain)
+    best, ranges = fits[0], {name: _range(shapes[name], fits, covered.starts) for name in fixed}
     if len(fixed) < len(free):
+        grid = [point for point, _ in fits]
         bounds = {name: search_bounds(shapes[name], grid) for name in free if name not in fixed}
-        ends += [_refined(ground, term, grid[start], bounds) for start in order[:STARTS]]
-    best = max(ends, key=lambda end: end[1])[0]
-    ranges = {name: _range(shapes[name], grid, gains, starts=ground.extent.starts) for name in fixed}
-    return term.at({name: best[name] for name in free}), ranges
+        ends = [likelihood.best_near(start, bounds, enough=ENOUGH) for start in grid[:STARTS]]
+        best = max([best, *ends], key=lambda fit: fit[1].gain)
+    return term.at({name: best[0][name] for name in free}), ranges
+
+
+def _grid(projector: Projector, term: EffectTerm, covered: Extent) -> list[Point]:
+    """Where a search begins, given shapes kept; of many frequencies those that are strongest in the misfit."""
+    points = [{**point, **term.shape} for point in term.effect.grid(projector.solved.model.robot, covered)]
+    points = [point for n, point in enumerate(points) if point not in points[:n]] if term.shape else points
+    periodic = term.effect.periodic
+    if periodic is None or periodic in term.shape or len(points) <= SHORTLIST:
+        return points
+    frequencies, row = np.array([point[periodic] for point in points]), projector.solved.row(term.number)
+    q = row.bins.samples.position[:, term.number - 1]
+    step = 2.0 * np.pi / (PERIOD * float(frequencies.max()))
+    where = np.round((q - float(q.min())) / step).astype(np.int64)
+    size = 2 ** int(np.ceil(np.log2((where.max() + 1) * PERIOD)))
+    line = np.bincount(where, weights=row.bins.count * row.misfit, minlength=size)
+    spectrum = np.abs(np.fft.rfft(line)) ** 2
+    at = np.round(frequencies * step * size / (2.0 * np.pi)).astype(np.int64)
+    power = spectrum[np.minimum(at, len(spectrum) - 1)]
+    return [points[k] for k in sorted(np.argsort(-power, kind="stable")[:SHORTLIST])]
 
 
 def search_bounds(shape: Shape, grid: Sequence[Mapping[str, float]]) -> Ends:
@@ -190,46 +206,18 @@ def search_bounds(shape: Shape, grid: Sequence[Mapping[str, float]]) -> Ends:
     return max(shape.low, min(values) / BEYOND), min(shape.high, max(values) * BEYOND)
 
 
-def _closer(ground: Linearised, term: EffectTerm, grid: list[Point], best: Point) -> list[Point]:
-    """A grid of instants, closer about the best: where runs are many it skips some."""
-    for name, value in best.items():
-        if term.shapes(ground.robot)[name].unit == "s":
-            instants, starts = sorted(point[name] for point in grid), ground.extent.starts
-            place = instants.index(value)
-            first = bisect_right(starts, instants[max(place - 1, 0)]) - 1
-            last = bisect_right(starts, instants[min(place + 1, len(instants) - 1)])
-            near = replace(ground.extent, starts=starts[max(first, 0) : last + 1])
-            grid = _distinct([*grid, *({**best, **point} for point in term.effect.grid(ground.robot, near))])
-    return grid
+def _neighbours(starts: Sequence[float], instants: list[float], best: float) -> tuple[float, ...]:
+    """Starts of runs about the best of some instants: where runs are many a grid skips some."""
+    instants = sorted(instants)
+    place = instants.index(best)
+    first = bisect_right(starts, instants[max(place - 1, 0)]) - 1
+    last = bisect_right(starts, instants[min(place + 1, len(instants) - 1)])
+    return tuple(starts[max(first, 0) : last + 1])
 
 
-def _refined(ground: Linearised, term: EffectTerm, start: Point, bounds: Mapping[str, Ends]) -> tuple[Point, float]:
-    """The best shape near a point of the grid between `bounds`, each measured by its own scale; and its gain."""
-    from scipy import optimize  # it takes as long to load as an identification
-
-    shapes, middle = term.shapes(ground.robot), np.array([start[name] for name in bounds])
-    scales = np.array([scale_of(shapes[name], start[name]) for name in bounds])
-
-    def at(step: Floats) -> Point:
-        return start | dict(zip(bounds, (middle + scales * step).tolist(), strict=True))
-
-    def cost(step: Floats) -> tuple[float, Floats]:
-        nudges = np.where(step + NUDGE <= high, NUDGE, -NUDGE)
-        points = [step, *(step + np.diag(nudges))]
-        costs = -np.array([refit.gain for refit in ground.added([term.at(at(point)) for point in points])])
-        return float(costs[0]), (costs[1:] - costs[0]) / nudges
-
-    low, high = ((np.array(list(bounds.values())) - middle[:, None]) / scales[:, None]).T
-    limits = optimize.Bounds(low, high)
-    optimum = optimize.minimize(
-        cost, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=limits, options={"ftol": ENOUGH}
-    )
-    return at(optimum.x), -float(optimum.fun)
-
-
-def _range(shape: Shape, grid: Sequence[Point], gains: Floats, *, starts: Sequence[float]) -> Ends:
+def _range(shape: Shape, fits: Sequence[tuple[Point, Refit]], starts: Sequence[float]) -> Ends:
     """Lowest and highest value of a shape that the data do not exclude; an instant lies anywhere between two starts."""
-    likely = [point[shape.name] for point, gain in zip(grid, gains, strict=True) if gain >= gains.max() - WITHIN]
+    likely = [point[shape.name] for point, refit in fits if refit.gain >= fits[0][1].gain - WITHIN]
     low, high = min(likely), max(likely)
     if shape.unit == "s":
         low = max((start for start in starts if start <= low), default=low)
@@ -391,17 +379,17 @@ class ShapeSearch:
         """
         shapes = term.shapes(self.model.robot)
         for _ in range(2 if term.effect.family in SLOW else 1):
-            self.terms[place], ranges = search_shape(self.without(place, term, at_nodes=False), term, free)
+            self.terms[place], ranges = search_shape(self.without(place, at_nodes=False), term, free)
             self.ranges |= {(place, name): ends for name, ends in ranges.items()}
             self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
         fitted = tuple(name for name in free if shapes[name].is_searched)
         self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
 
-    def without(self, place: int, term: EffectTerm | None = None, *, at_nodes: bool = True) -> Linearised:
-        """The fit of all effects but the one at `place`, where that one (or `term`) may act."""
+    def without(self, place: int, *, at_nodes: bool = True) -> Projector:
+        """What can be added to the fit of all effects but the one at `place`."""
         rest = [self.terms[other] for other in sorted(self.terms) if other != place]
         fitted = refit(self.fit, self.model.with_effects(rest))
-        return Linearised(fitted, term or self.terms[place], at_nodes=at_nodes, whole=self.fit)
+        return Projector(fitted, whole=self.fit, at_nodes=at_nodes)
 
     def _rank(self, place: int) -> int:
         """Place in the model of the effects so far."""
@@ -412,34 +400,39 @@ class ShapeSearch:
         return tuple(self.fit.sizes(self._rank(place)).tolist())
 
     def settle(self) -> bool:
-        """Renew loads and shapes until nothing moves; whether that happened."""
-        if not any(term.fitted or term.effect.needs_loads for term in self.terms.values()):
-            return True
-        before: dict[str, float] = {}
-        last, cost = dict(self.terms), np.inf
-        for _ in range(MOST_ROUNDS):
-            now = self._cost_of_shapes()
-            if now > cost * (1.0 + RISE) and any(last[n].shape != term.shape for n, term in self.terms.items()):
-                self.terms = {place: _half_way(last[place], term) for place, term in self.terms.items()}
-                continue
-            self.refit()
-            values = dict(zip(self.fit.model.names, self.fit.values, strict=True))
-            moved = self._moved(values, before)
-            last, cost, before = dict(self.terms), now, values
-            if moved < SETTLED:
-                return True
-            self.terms = {place: self._stepped(place, term) for place, term in self.terms.items()}
-        return False
+        """Renew loads and shapes until nothing moves; whether that happened.
 
-    def _cost_of_shapes(self) -> float:
-        """Weighted squares that the fit leaves at these shapes, whose derivatives are then taken at its sizes."""
-        if not any(term.fitted for term in self.terms.values()):
-            return 0.0
-        full = dict(self.terms)
-        self.terms = {place: replace(term, fitted=()) for place, term in full.items()}
-        self.refit()
-        self.terms = {place: replace(term, sizes=self._sizes(place)) for place, term in full.items()}
-        return self.fit.square
+        A round fits with the shapes as they are, which tells the cost and the sizes at which derivatives are taken,
+        then with these; a step of the shapes that raised the cost is halved.
+        """
+        has_shapes, moves = any(term.fitted for term in self.terms.values()), dict[str, float]()
+        if not has_shapes and not any(term.effect.needs_loads for term in self.terms.values()):
+            return True
+        last, cost = self.terms, np.inf
+        for _ in range(MOST_ROUNDS):
+            terms, now = self.terms, 0.0
+            if has_shapes:
+                self.terms = {place: replace(term, fitted=()) for place, term in terms.items()}
+                self.refit()
+                terms = {place: replace(term, sizes=self._sizes(place)) for place, term in terms.items()}
+                now = self.fit.square
+            if now > cost * (1.0 + RISE) and any(last[n].shape != term.shape for n, term in terms.items()):
+                for n, term in terms.items():
+                    half = {name: 0.5 * (last[n].shape[name] + value) for name, value in term.shape.items()}
+                    terms[n] = term.at(half, term.sizes)
+                self.terms = terms
+                continue
+            self.terms = terms
+            self.refit()
+            columns, values = self.fit.model.columns, self.fit.values
+            errors = np.sqrt(np.diag(self.fit.inverse))[: len(columns)]
+            starts = np.array([0.0 if column.shape else moves.get(column.name, np.inf) for column in columns])
+            moved = np.abs(values - starts)[errors > 0.0] / errors[errors > 0.0]
+            last, cost, moves = terms, now, dict(zip(self.fit.model.names, values.tolist(), strict=True))
+            if moved.max(initial=0.0) < SETTLED:
+                return True
+            self.terms = {place: self._stepped(place, term) for place, term in terms.items()}
+        return False
 
     def finish(self, *, recursive: bool, progress: Progress | None) -> None:
         """The whole fit, noise included; loads follow it, so that what only looks like another load is known to."""
@@ -451,14 +444,6 @@ class ShapeSearch:
         for _ in range(POLISH):
             self.fit = refit(releveled(refit(self.fit, now, is_renewed=True)), now)
         self.fit = replace(with_chain_rule(self.fit), first=start.first)
-
-    def _moved(self, values: Mapping[str, float], before: Mapping[str, float]) -> float:
-        """Largest move of a parameter, or step of a shape that is due, in standard errors."""
-        columns = self.fit.model.columns
-        errors = np.sqrt(np.diag(self.fit.inverse))[: len(columns)]
-        starts = np.array([0.0 if column.shape else before.get(column.name, np.inf) for column in columns])
-        moves = np.abs(np.array(list(values.values())) - starts)
-        return float(np.max(moves[errors > 0.0] / errors[errors > 0.0], initial=0.0))
 
     def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
         """An effect with its shapes moved by the fit's step, within bounds."""
@@ -477,106 +462,3 @@ class ShapeSearch:
 
 def _clipped(shape: Shape, value: float) -> float:
     return min(max(value, shape.low), shape.high)
-
-
-def _half_way(start: EffectTerm, end: EffectTerm) -> EffectTerm:
-    """The shapes half way between two."""
-    return end.at({name: 0.5 * (start.shape[name] + value) for name, value in end.shape.items()}, end.sizes)
-
-
-@dataclass(eq=False, slots=True)
-class Profile:
-    """The likelihood of one effect's shapes about their best values, everything else refitted at each.
-
-    Attributes
-    ----------
-    ground
-        The fit without the effect, with the noise that is left with it.
-    term
-        The effect at its best shape.
-    limits
-        (p,) prior deviations of its linear parameters, those at its best shape: what is plausible does not grow where a
-        shape hides what a parameter does.
-    path
-        Shapes looked at so far, and the fits with them.
-
-    Source
-    ------
-    D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, Wiley 1988, section 6.1.
-    """
-
-    ground: Linearised
-    term: EffectTerm
-    limits: Floats
-    path: list[tuple[Point, Refit]] = field(default_factory=list)
-
-    def shape(self, name: str, *, error: float, reach: float) -> Ends:
-        """Ends of the interval of one fitted shape, `reach` standard errors wide; `error` is that by the tangent."""
-        best = self._at(dict(self.term.shape))
-        sides = [self._walk(name, best, stride=way * STRIDE * error, rise=reach**2) for way in (-1.0, 1.0)]
-        return sides[0], sides[1]
-
-    def linear(self, reach: Floats) -> Floats:
-        """(p, 2) ends of the linear parameters' intervals, (p,) standard errors wide: the envelope at all shapes."""
-        values = np.array([refit.values for _, refit in self.path])
-        errors = np.array([np.linalg.norm(refit.half, axis=1) for _, refit in self.path])
-        return self._envelope(values, errors, reach)
-
-    def others(self, reach: Floats) -> Floats:
-        """(P, 2) the same of all that was fitted before, parameters and ratios."""
-        fitted = self.ground.fit
-        start, variances = np.append(fitted.values, fitted.gains.ratios), np.diag(fitted.inverse)
-        values = np.array([start + refit.shift @ refit.values for _, refit in self.path])
-        errors = [np.sqrt(variances + np.sum((refit.shift @ refit.half) ** 2, axis=1)) for _, refit in self.path]
-        return self._envelope(values, np.array(errors), reach)
-
-    def _envelope(self, values: Floats, errors: Floats, reach: Floats) -> Floats:
-        """(P, 2) lowest and highest ends of intervals at (K, P) values, narrower where the likelihood is lower."""
-        gains = np.array([refit.gain for _, refit in self.path])
-        remaining = reach**2 - (gains.max() - gains)[:, None]
-        widths = np.where(remaining > 0.0, np.sqrt(np.maximum(remaining, 0.0)) * errors, -np.inf)
-        return np.column_stack([np.min(values - widths, axis=0), np.max(values + widths, axis=0)])
-
-    def _at(self, shape: Point) -> tuple[Point, Refit]:
-        (refit,) = self.ground.added([self.term.at(shape)], limits=self.limits)
-        self.path.append((shape, refit))
-        return self.path[-1]
-
-    def _walk(self, name: str, best: tuple[Point, Refit], *, stride: float, rise: float) -> float:
-        """The end of an interval on one side: where the squares have risen by `rise`, or a bound."""
-        facts = self.term.shapes(self.ground.robot)[name]
-        (shape, before), step = best, stride
-        for _ in range(MOST_STRIDES):
-            value = _clipped(facts, shape[name] + step)
-            there, refit = self._best(name, value, shape)
-            lost, earlier = best[1].gain - refit.gain, max(best[1].gain - before.gain, 0.0)
-            if lost >= rise:
-                share = (np.sqrt(rise) - np.sqrt(earlier)) / (np.sqrt(lost) - np.sqrt(earlier))
-                return float(shape[name] + share * (value - shape[name]))
-            if value in (facts.low, facts.high):
-                return value
-            shape, before, step = there, refit, step * GROWTH
-        return shape[name]
-
-    def _best(self, name: str, value: float, before: Point) -> tuple[Point, Refit]:
-        """The place with this value at which the other fitted shapes are best, from those of the step before."""
-        facts = self.term.shapes(self.ground.robot)
-        free = [facts[other] for other in self.term.fitted if other != name]
-        point = self._at(before | {name: value})
-        for other in free * min(len(free), 2):
-            point = self._along(other, point)
-        return point
-
-    def _along(self, shape: Shape, start: tuple[Point, Refit]) -> tuple[Point, Refit]:
-        """The best place along one shape near `start`."""
-        from scipy import optimize
-
-        at, first = start[0][shape.name], len(self.path)
-        reach = scale_of(shape, at)
-        optimize.minimize_scalar(
-            lambda value: -self._at(start[0] | {shape.name: float(value)})[1].gain,
-            bounds=(_clipped(shape, at - reach), _clipped(shape, at + reach)),
-            method="bounded",
-            options={"xatol": PRECISE * reach},
-        )
-        return max([start, *self.path[first:]], key=lambda point: point[1].gain)

@@ -13,7 +13,6 @@ from worlds import PENDULUM
 
 from pumaid.diagnosis.candidates import candidates
 from pumaid.diagnosis.score_test import (
-    Projector,
     ScoreTest,
     minus_log10_p,
     refine_shape,
@@ -26,6 +25,7 @@ from pumaid.diagnosis.stepwise import misfit_with
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation.fit import Fit
+from pumaid.estimation.projection import Projector
 from pumaid.simulation import Hidden
 
 HIDDEN = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})

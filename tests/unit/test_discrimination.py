@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from pumaid.design.discrimination import FittedEffect, Separation, candidates, runs_ahead, showing
-from pumaid.diagnosis.score_test import Projector, refine_shape, scores_at
+from pumaid.diagnosis.score_test import refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.diagnosis.verdict import next_run as deciding
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import loaded
 from pumaid.estimation.gls import fit_with_replicates, refit
+from pumaid.estimation.projection import Projector
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
 from pumaid.joint_bins import COARSE, extent, joint_bins

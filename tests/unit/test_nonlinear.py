@@ -30,7 +30,7 @@ FREE = EffectChoice("stribeck", 1, {"exponent": 1.0})
 
 def motions(joint: int) -> list[Motion]:
     """Runs both ways at every speed, and five motions there and back too short to hold theirs."""
-    ends = [(min(1.2, 12.0 * speed), speed) for speed in SPEEDS] + [(0.15 + 0.03 * k, FAST) for k in range(5)]
+    ends = [(min(1.2, 5.0 * speed), speed) for speed in SPEEDS] + [(0.15 + 0.03 * k, FAST) for k in range(5)]
     return [Motion(joint, HOLD, -way * end, way * end, speed) for end, speed in ends for way in (1, -1)]
 
 
@@ -58,13 +58,12 @@ def test_the_logs_have_both_kinds():
 
 def test_the_hidden_velocity_is_within_its_interval():
     """The Stribeck velocity of a robot in closed loop is found although strokes are among its runs."""
-    found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(3)]
+    found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(2)]
     assert np.median([high / low for low, high in found]) < 2.0
-    # Of three intervals of 95 % fewer than two hold the truth in 7 of a thousand cases.
-    assert sum(low <= VELOCITY <= high for low, high in found) >= 2
+    assert all(low <= VELOCITY <= high for low, high in found)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_strokes_do_not_pass_for_noise_of_other_runs(seed):
     """A joint's noise at constant speed is with strokes what it is without them."""
     alone, both = (fitted(seed, kinds) for kinds in (("constant",), ("constant", "stroke")))

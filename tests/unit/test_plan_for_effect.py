@@ -14,10 +14,11 @@ from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
 from pumaid.design.prior import Setup, prior_robots
 from pumaid.diagnosis.plan_for_effect import plan_for_effect, rehearsed, solved_on, usual
-from pumaid.diagnosis.score_test import Projector, score_at
+from pumaid.diagnosis.score_test import score_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
+from pumaid.estimation.projection import Projector
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.trajectory import Plan
