@@ -16,7 +16,6 @@ __all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogu
 
 #: Modules of this folder that hold no effect.
 SHARED = ("base", "formula", "plugins")
-
 #: Files that a user named in this process -> their effects.
 _INCLUDED: dict[Path, Effect] = {}
 

@@ -21,13 +21,10 @@ NO_SHAPE: Mapping[str, float] = {}
 
 #: Below this share of gravity a component is the rounding of twists by right angles.
 ROUNDING = 1e-9
-
 #: Instants tried at most for a change in time: neighbours share all but a fortieth of the runs.
 MOST_INSTANTS = 40
-
 #: Share of the time between two starts by which an instant lies ahead of the second: within any real pause.
 AHEAD = 0.02
-
 #: Random postures that show how an axis can stand to gravity; the answer does not depend on them.
 POSTURES = 8
 

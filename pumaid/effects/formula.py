@@ -32,7 +32,6 @@ Floats = NDArray[np.float64]
 
 #: degC that a joint has where its temperature was not measured; it only shifts Coulomb friction.
 REFERENCE = 25.0
-
 #: What a formula may call.
 FUNCTIONS = {
     **{name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")},

@@ -27,7 +27,6 @@ GROUP = "pumaid.effects"
 INSTANTS = 24
 
 _MEND = "docs/contributing.md shows such a file"
-
 #: Three turning joints, a slide, two turning joints: any arm's kinds of joints, none of them special to gravity.
 ARM = Robot(
     "an arm to try effects on",

@@ -12,7 +12,6 @@ from pumaid.samples import Extent
 
 #: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
 PER_TURN = (1, 2, 6, 12)
-
 #: Periods over the whole travel below which a ripple is no ripple but a slow effect of position.
 FEWEST = 1.5
 

@@ -32,33 +32,24 @@ Part = TypeVar("Part", float, Floats)
 
 #: Share of the largest term in an undetermined direction below which a term is not named.
 PART = 0.05
-
 #: Instants outside runs whose regressor is made at once, some ten megabytes.
 AT_ONCE = 20_000
-
 #: A (A) below which a contribution is rounding.
 NOTHING = 1e-9
-
 #: An effect's share is stated where the data leave it open by no more than this share of the joint's RMS current (and
 #: by no more than the joint's RMSE): beyond, the share would be off by more than five points.
 OPEN = 0.05
-
 #: Share of the RMS current below which what the data leave open is rounding.
 CLOSED = 1e-6
-
 #: Outside runs a joint's motor counts as turning above this share of its largest speed in the stretch: below it the
 #: direction of friction is not known.
 MOVING = 0.05
-
 #: Share of the replicates' noise floor below which an RMSE shows that replicates differ by what the model explains.
 BELOW = 0.9
-
 #: Largest group of effects that is searched for; the rest is one group, which is what a user can still read.
 LARGEST_GROUP = 3
-
 #: Name of the share of the current that no effect of the model explains.
 UNEXPLAINED = "unexplained"
-
 #: Between the names of effects whose sum the fitted data determine although not each of them: ``coulomb+viscous``.
 TOGETHER = "+"
 
@@ -397,47 +388,50 @@ def outside_scores(estimate: Estimate, dataset: Dataset, robot: Robot) -> tuple[
             stretches.setdefault((joint, reject.reason), []).append(reject)
     out = []
     for (joint, reason), rejects in sorted(stretches.items(), key=lambda item: item[0]):
-        parts = [_moving(robot, reject, joint, campaign) for reject in rejects]
-        samples = joined([samples for samples, _, _ in parts])
-        count, current = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-        if count.sum() > 0:
-            chunks = [at(samples, np.arange(k, min(k + AT_ONCE, len(count)))) for k in range(0, len(count), AT_ONCE)]
-            residual = current - np.concatenate([_predicted(model, estimate, chunk) for chunk in chunks])
-            square, bias = (float(np.average(values, weights=count)) for values in (residual**2, residual))
-            out.append(OutsideScore(joint, reason, int(count.sum()), float(np.sqrt(square)), bias))
+        samples, count, current = _moving(robot, rejects, joint, campaign)
+        if not len(count):
+            continue
+        residual = current.copy()
+        for start in range(0, len(count), AT_ONCE):
+            part = np.arange(start, min(start + AT_ONCE, len(count)))
+            chunk = at(samples, part)
+            if model.needs_loads():
+                chunk = replace(chunk, loads=loads(model, chunk, solution=estimate.solution, scales=estimate.scales))
+            residual[part] -= model.predict(estimate, chunk)
+        square, bias = (float(np.average(values, weights=count)) for values in (residual**2, residual))
+        out.append(OutsideScore(joint, reason, int(count.sum()), float(np.sqrt(square)), bias))
     return tuple(out)
 
 
-def _predicted(model: Model, estimate: Estimate, samples: Samples) -> Floats:
-    if model.needs_loads():
-        gravity = loads(model, samples, solution=estimate.solution, scales=estimate.scales)
-        samples = replace(samples, loads=gravity)
-    return model.predict(estimate, samples)
-
-
-def _moving(robot: Robot, reject: Reject, joint: int, campaign: Campaign) -> tuple[Samples, Floats, Floats]:
-    """The bins in which the motor of `joint` turns and its current is measured, with their samples and current (A).
+def _moving(robot: Robot, rejects: Sequence[Reject], joint: int, campaign: Campaign) -> tuple[Samples, Floats, Floats]:
+    """The bins in which the motor of `joint` turns and its current is measured: samples, their number, current (A).
 
     They have no acceleration, since inertia is missing by design.
     """
-    bins = reject.bins
-    assert bins is not None
-    speed = np.abs(robot.shaft_velocity(bins.velocity)[:, joint - 1])
-    rows = np.isfinite(bins.current[:, joint - 1]) & (speed > MOVING * np.max(speed, initial=0.0))
-    velocity, time = bins.velocity[rows], bins.time[rows]
-    samples = Samples(
-        joint,
-        bins.position[rows],
-        velocity,
-        acceleration=np.zeros(len(velocity)),
-        direction=np.sign(robot.shaft_velocity(velocity)[:, joint - 1]),
-        time=campaign.since(joint, reject.clock, time),
-        elapsed=campaign.since(0, reject.clock, time),
-        travel=np.abs(robot.shaft_velocity(bins.position[rows] - bins.position[0])[:, joint - 1]),
-        temperature=np.full(len(velocity), np.nan),
-        run=np.zeros(len(velocity)),
-    )
-    return samples, bins.count[rows].astype(float), bins.current[rows, joint - 1]
+    parts, counts, currents = [], [], []
+    for reject in rejects:
+        bins = reject.bins
+        assert bins is not None
+        shaft = robot.shaft_velocity(bins.velocity)[:, joint - 1]
+        is_moving = np.abs(shaft) > MOVING * np.max(np.abs(shaft), initial=0.0)
+        rows = np.isfinite(bins.current[:, joint - 1]) & is_moving
+        time, zeros = bins.time[rows], np.zeros(np.count_nonzero(rows))
+        samples = Samples(
+            joint,
+            bins.position[rows],
+            bins.velocity[rows],
+            acceleration=zeros,
+            direction=np.sign(shaft[rows]),
+            time=campaign.since(joint, reject.clock, time),
+            elapsed=campaign.since(0, reject.clock, time),
+            travel=np.abs(robot.shaft_velocity(bins.position[rows] - bins.position[0])[:, joint - 1]),
+            temperature=np.full(len(zeros), np.nan),
+            run=zeros,
+        )
+        parts.append(samples)
+        counts.append(bins.count[rows].astype(float))
+        currents.append(bins.current[rows, joint - 1])
+    return joined(parts), np.concatenate(counts), np.concatenate(currents)
 
 
 def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:

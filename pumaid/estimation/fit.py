@@ -170,16 +170,8 @@ class FitRow:
     @property
     def jacobian(self) -> Floats:
         """(N, P) whitened derivative of the prediction by every parameter and ratio."""
-        return self._wide(self.slim)
-
-    @property
-    def plain(self) -> Floats:
-        """(N, P) the same in A, not whitened."""
-        return self._wide(self.bare)
-
-    def _wide(self, values: Floats) -> Floats:
-        out = np.zeros((len(values), self.total))
-        out[:, self.acting] = values
+        out = np.zeros((len(self.slim), self.total))
+        out[:, self.acting] = self.slim
         return out
 
     @property

@@ -147,15 +147,10 @@ class _Beginning:
         for root in [
             edge for edge in gains.edges if gains.parent[edge] == row and abs(gains.edge[edge]) > RATIO_SPREAD
         ]:
-            load = np.isin(start.owners, _beyond(gains, root)) & self.is_load
+            load = np.isin(start.owners, gains.subtree(root)) & self.is_load
             if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
                 start.values[load] *= gains.edge[root]
                 gains.edge[root] = USUAL_RATIO
-
-
-def _beyond(gains: Gains, edge: int) -> list[int]:
-    """Rows behind the edge above row `edge`, itself among them."""
-    return [row for row in range(gains.n_rows) if edge in gains.path(row)]
 
 
 def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, list[tuple[int, int]]]:
@@ -163,7 +158,7 @@ def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, lis
     gains, owners = recursion.gains, recursion.owners
     is_open = recursion.undetermined.copy()
     for edge in sorted(gains.edges, reverse=True):
-        if np.any(is_open & is_load & np.isin(owners, _beyond(gains, edge))):
+        if np.any(is_open & is_load & np.isin(owners, gains.subtree(edge))):
             is_open |= is_load & (owners == gains.parent[edge])
     lost = [[(r + 1, root + 1) for r, root in recursion.redundant if r == row] for row in range(gains.n_rows)]
     return {int(n): lost[owners[n]] for n in np.flatnonzero(is_open)}
@@ -317,17 +312,13 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
         elif column.place is not None:
             out.append(plausible([(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows], column.span))
         elif column.effect == DELAY:
-            out.append(max((_longest_delay(row.bins) for row in rows if row.joint == column.owner), default=LAG))
+            runs = [run for row in rows if row.joint == column.owner for run in row.bins.runs if run.kind == STROKE]
+            steps = [run.duration / max(run.samples, 1) for run in runs]
+            out.append((0.5 * float(np.mean(steps)) if steps else 0.0) + LAG)
         else:
             in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)
     return np.array(out)
-
-
-def _longest_delay(bins: JointBins) -> float:
-    """s, what a joint's delay in strokes may be before any data."""
-    steps = [run.duration / max(run.samples, 1) for run in bins.runs if run.kind == STROKE]
-    return (0.5 * float(np.mean(steps)) if steps else 0.0) + LAG
 
 
 def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:

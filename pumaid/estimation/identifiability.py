@@ -26,36 +26,27 @@ Counts = NDArray[np.int64]
 
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
-
 #: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of
 #: comparable size, so such an interval tells something whatever the value), or when zero is outside its 99.9 %
 #: interval. Either way the load that carries it must itself be non-zero at that level: else the interval is none of a
 #: ratio (Fieller).
 RATIO_LEVEL = 0.001
-
 #: An effect's parameter whose error is above this share of its plausible size is not identified.
 OPEN = 0.5
-
 #: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
 PART_OF = 1e-3
-
 #: Share of an effect's column beyond the rest of the model, below which it is none: what is made from fitted loads is
 #: known to a few parts in a thousand.
 SAME = 1e-3
-
 #: Share of its standard error by which a confounded effect moves a parameter that is then known only with it.
 MOVED = 0.7
-
 #: Postures of a joint whose load is stated: one is the usual case, more than three nobody reads.
 MOST_POSTURES = 3
-
 #: A sum is determined when what it may be off by, beyond its standard error, is below this share of the joint's RMS
 #: current. Held positions creep by a few mrad between runs, so the share is small but never zero.
 LEANING = 0.02
-
 #: A sum is worth stating when one of its terms has an error this many times its own.
 WORTH = 30.0
-
 #: Terms below this share of the largest are rounding.
 SHARE = 1e-9
 
@@ -93,21 +84,11 @@ class FittedParameters:
         partners = Confounding.of(fitted).partners(fitted)
         return cls(fitted, solution, covariance, dof, coverage, confounded=partners)
 
-    @property
-    def numbers(self) -> Floats:
-        """(p,) the parameters."""
-        return self.solution.values
-
-    @property
-    def gains(self) -> Gains:
-        """The ratios."""
-        return self.solution.gains
-
     def reach(self) -> Floats:
         """(P, b) undetermined directions of parameters and ratios, as long as is plausible (see `Estimate.blind`)."""
         blind = self.solution.linear.blind
-        edges = np.full(len(blind) - len(self.numbers), LARGEST_RATIO)
-        return np.concatenate([self.fitted.limit, edges])[:, None] * blind
+        size = np.pad(self.fitted.limit, (0, len(blind) - len(self.fitted.limit)), constant_values=LARGEST_RATIO)
+        return np.asarray(size[:, None] * blind)
 
     def values(self) -> tuple[Value, ...]:
         """Every parameter, then every ratio of neighbours."""
@@ -137,7 +118,7 @@ class FittedParameters:
         # A shape's column holds what the fit moves the shape by.
         start = 0.0 if column.shape is None else model.effects[column.place or 0].shape[column.shape]
         ends = self.profiles.get(index)
-        return _identified(bare, self.numbers[index] + start, variance, self.freedoms[index], ends=ends)
+        return _identified(bare, self.solution.values[index] + start, variance, self.freedoms[index], ends=ends)
 
     def _is_uncertain(self, index: int) -> bool:
         """Whether an effect's parameter is known hardly better than before any data, or a shape best at a bound."""
@@ -167,9 +148,9 @@ class FittedParameters:
         if share[index] <= PART_OF**2 and lost is None:
             return None
         # Ratios are measured by another limit, and must not outshine the parameters.
-        p = len(self.numbers)
+        p = len(self.solution.values)
         least = PART_OF * np.where(np.arange(len(share)) < p, share[:p].max(), share.max())
-        names = _names(self.fitted, self.gains)
+        names = _names(self.fitted, self.solution.gains)
         together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
         return [*together, *(ratio_name(*pair) for pair in lost or [])]
 
@@ -184,11 +165,10 @@ class FittedParameters:
         return [*out, *further]
 
     def _ratio(self, inner: int, outer: int) -> Value:
-        model, p = self.fitted.model, len(self.numbers)
+        p, load = len(self.solution.values), (0.0, 0.0)
         bare = Value(ratio_name(inner, outer), f"eta{inner}/eta{outer}", inner, "")
-        value, gradient = ratio_gradient(self.gains, inner - 1, outer - 1)
+        value, gradient = ratio_gradient(self.solution.gains, inner - 1, outer - 1)
         edges = [int(edge) for edge in np.flatnonzero(gradient)]
-        load = (0.0, 0.0)
         if self.coverage[inner].runs and self.coverage[outer].runs and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
             if together:
@@ -201,39 +181,37 @@ class FittedParameters:
                 is_certain = error < RATIO_KNOWN or two_sided(value / error, dof) < RATIO_LEVEL
                 if is_certain and all(self._carries(edge) for edge in edges):
                     return _identified(bare, value, variance, dof)
-                loads = [self._load(edge) for edge in edges]
-                load = min(loads, key=lambda pair: pair[0] / max(pair[1], 1e-300), default=load)
-        return _open(bare, reasons.of_ratio(model, inner, outer, coverage=self.coverage, load=load))
+                load = min(map(self._load, edges), key=lambda pair: pair[0] / max(pair[1], 1e-300), default=load)
+        return _open(bare, reasons.of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
 
-    def _behind(self, edge: int) -> NDArray[np.bool_]:
-        """(p,) gravity parameters behind edge number `edge`."""
-        gains, lower = self.gains, self.gains.edges[edge]
-        pairs = zip(self.fitted.model.columns, self.fitted.system.owners, strict=True)
-        return np.array([c.effect == "gravity" and owner >= 0 and lower in gains.path(owner) for c, owner in pairs])
+    def _behind(self, edge: int) -> Counts:
+        """Numbers of the gravity parameters behind edge number `edge`."""
+        subtree = self.solution.gains.subtree(self.solution.gains.edges[edge])
+        is_load = [column.effect == "gravity" for column in self.fitted.model.columns]
+        return np.flatnonzero(is_load & np.isin(self.fitted.system.owners, subtree))
 
     def _rests_on_open(self, edge: int) -> bool:
         """Whether the row that gave an edge took any load for known that the recursion had left open."""
-        gains, columns = self.gains, list(self.absorbed)
+        gains = self.solution.gains
         row = gains.parent[gains.edges[edge]]
         beside = [number for number, lower in enumerate(gains.edges) if gains.parent[lower] == row]
-        return any(bool(self._behind(number)[columns].any()) for number in beside)
+        return any(not set(self.absorbed).isdisjoint(self._behind(number).tolist()) for number in beside)
 
     def _carries(self, edge: int) -> bool:
         """Whether the load behind an edge is itself non-zero at `RATIO_LEVEL`."""
-        for index in np.flatnonzero(self._behind(edge)):
-            error = float(np.sqrt(self.covariance[index, index]))
-            if error > 0.0 and two_sided(self.numbers[index] / error, self.freedoms[index]) < RATIO_LEVEL:
-                return True
-        return False
+        error = np.sqrt(np.diag(self.covariance))
+        loads = [n for n in self._behind(edge) if error[n] > 0.0]
+        values, freedoms = self.solution.values, self.freedoms
+        return any(two_sided(values[n] / error[n], freedoms[n]) < RATIO_LEVEL for n in loads)
 
     def _load(self, edge: int) -> tuple[float, float]:
         """RMS (A) of what comes through an edge in its upper joint's current, and that part's standard error."""
-        lower, number = self.gains.edges[edge], len(self.numbers) + edge
-        upper = _above(self.gains, lower)
+        gains, number = self.solution.gains, len(self.solution.values) + edge
+        upper = _above(gains, gains.edges[edge])
         row = next(row for row in self.fitted.rows if row.joint == upper + 1)
         at_bins = Bilinear(np.full(len(row.bins), upper), row.design, row.bins.current, self.fitted.system.owners)
-        slope = _rms(row, at_bins.jacobian(self.gains, self.numbers)[:, number])
-        return abs(self.gains.edge[lower]) * slope, float(np.sqrt(self.covariance[number, number])) * slope
+        slope = _rms(row, at_bins.jacobian(gains, self.solution.values)[:, number])
+        return abs(gains.ratios[edge]) * slope, float(np.sqrt(self.covariance[number, number])) * slope
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -367,7 +345,7 @@ def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Com
         rms = math.sqrt(row.bins.mean_square)
         for weights, text in (*_friction(fitted, row), *_loads(fitted, row)):
             # Parameters of plausible size would make this sum a part of the joint's current.
-            reach = float(np.linalg.norm(weights[: len(fitted.numbers)] * fitted.fitted.limit))
+            reach = float(np.linalg.norm(weights[: len(fitted.solution.values)] * fitted.fitted.limit))
             total = _sum(fitted, row, weights, text)
             far = (abs(weight) * errors[name] > WORTH * total.std_error for name, weight in total.terms.items())
             sums += [total] if reach > LEANING * rms and any(far) else []
@@ -404,7 +382,7 @@ def _sum(fitted: FittedParameters, row: Row, weights: Floats, text: str, *, unit
     error = math.sqrt(max(float(weights @ fitted.covariance @ weights) + off**2, 0.0))
     if any(n in fitted.confounded and columns[n].place is None for n in terms):
         off = error
-    value = float(bare @ fitted.numbers) if off < LEANING * math.sqrt(row.bins.mean_square) else math.nan
+    value = float(bare @ fitted.solution.values) if off < LEANING * math.sqrt(row.bins.mean_square) else math.nan
     return Combination({columns[n].name: weight for n, weight in terms.items()}, value, error, unit, text)
 
 
@@ -436,6 +414,6 @@ def _loads(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str]]:
         base = model.base(samples)
         rows = np.pad(base, ((0, 0), (0, len(gravity) - base.shape[1]))) * gravity
         load = Bilinear(joints, rows, np.zeros(2), fitted.fitted.system.owners)
-        weights = load.jacobian(fitted.gains, fitted.numbers)
+        weights = load.jacobian(fitted.solution.gains, fitted.solution.values)
         yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
         yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"

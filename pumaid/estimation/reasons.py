@@ -27,7 +27,6 @@ LEAST_LEVER = 0.035
 MOVE_ALONE = "move the joint alone, at several speeds, both ways"
 LEVEL = "repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
 TRAVEL = "let the joint travel further, in both directions"
-
 #: Kind -> why a parameter is not determined, and the run that would show it (None where no run would).
 REASONS: dict[str, tuple[str, str | None]] = {
     "no runs": ("waits for logs in which its joint moves alone", MOVE_ALONE),

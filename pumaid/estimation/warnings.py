@@ -123,39 +123,36 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
 
 def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     """The file with the largest error under a fit to all other runs, else that which a fit of its own helps most."""
-    origins = np.array([run.origin for run in row.bins.runs])
+    origins, bins = np.array([run.origin for run in row.bins.runs]), row.bins
     disowned, corrected = list[tuple[float, str, str]](), list[tuple[float, str, str]]()
+
+    def rmse(judged: NDArray[np.bool_], fitted: NDArray[np.bool_] | None = None) -> float:
+        """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out."""
+        source, target = bins.run[:0] if fitted is None else np.flatnonzero(fitted[bins.run]), judged[bins.run]
+        weight, residual = np.sqrt(bins.count[source])[:, None], row.misfit[target]
+        if len(source):
+            table = weight * np.column_stack([design[source], row.misfit[source]])
+            residual = residual - design[target] @ np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RCOND)[0]
+        return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
+
+    def in_halves(runs: NDArray[np.bool_]) -> float:
+        """RMSE (A) of some runs by corrections from one half, judged on the other, so that noise gains nothing."""
+        # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
+        first = runs & np.isin(np.cumsum(runs) % 4, (0, 1))
+        return float(np.hypot(rmse(first, runs & ~first), rmse(runs & ~first, first)) / np.sqrt(2.0))
+
     for name in dict.fromkeys(origins.tolist()):
-        inside, outside = np.flatnonzero(origins == name), np.flatnonzero(origins != name)
-        if len(outside) >= FEWEST:
-            rest, missed = _in_halves(row, design, outside), _rmse_by(row, design, outside, inside)
+        inside = origins == name
+        if np.count_nonzero(~inside) >= FEWEST:
+            rest, missed = in_halves(~inside), rmse(inside, ~inside)
             why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(rest)} A"
             disowned += [(missed / rest, name, why)] if missed > DISOWNED * rest else []
-        if len(outside) and len(inside) >= FEWEST:
-            before, after = _rmse_by(row, design, inside[:0], inside), _in_halves(row, design, inside)
+        if not inside.all() and np.count_nonzero(inside) >= FEWEST:
+            before, after = rmse(inside), in_halves(inside)
             why = f"its runs have {number(before)} A RMS under the common fit and {number(after)} A under one to them"
             corrected += [(before / after, name, why)] if before > BETTER * after else []
     worst = max(disowned or corrected, default=None)
     return (None, "") if worst is None else worst[1:]
-
-
-def _in_halves(row: FitRow, design: Floats, runs: Counts) -> float:
-    """RMSE (A) of some runs by corrections from one half of them, judged on the other, so that noise gains nothing."""
-    # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
-    first = np.isin(np.arange(len(runs)) % 4, (0, 3))
-    halves = [_rmse_by(row, design, runs[part], runs[~part]) for part in (first, ~first)]
-    return float(np.sqrt(np.mean(np.square(halves))))
-
-
-def _rmse_by(row: FitRow, design: Floats, fitted: Counts, judged: Counts) -> float:
-    """RMSE (A) of some runs once the corrections that other runs show are taken out."""
-    bins, (source, target) = row.bins, (np.isin(row.bins.run, runs) for runs in (fitted, judged))
-    weight = np.sqrt(bins.count[source])
-    residual = row.misfit[target]
-    if len(weight):
-        correction = np.linalg.lstsq(design[source] * weight[:, None], row.misfit[source] * weight, rcond=_RCOND)[0]
-        residual = residual - design[target] @ correction
-    return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
 
 def of_runs(fitted: Fit) -> list[Note]:
@@ -180,7 +177,15 @@ def of_runs(fitted: Fit) -> list[Note]:
         is_met = usual > 0.0 and float(np.median(np.hypot(rms, level)[steady])) <= FAR * noise
         odd = steady[_outlying(rms[steady], least=max(ODD * usual, SEEN * size))] if is_met else steady[:0]
         if 0 < len(odd) <= MOST_ODD * len(steady):
-            notes.append(_odd_runs(bins, odd, rms, usual))
+            first, error = bins.runs[odd[0]], float(np.sqrt(np.mean(rms[odd] ** 2)))
+            text = (
+                f"{len(odd)} of {len(steady)} runs of joint {bins.joint} unlike the others: the model's error there is"
+                f" {number(error)} A RMS, where the median run has {number(usual)} A; the first begins at"
+                f" {number(first.start)} s. Did the arm touch something? Estimates are biased by it, and no interval"
+                " includes that"
+            )
+            where = Where(file=first.origin, row=first.first_row, joint=bins.joint)
+            notes.append(Note("run-stands-out", text, where))
             continue
         sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
         if not len(odd):
@@ -191,17 +196,6 @@ def of_runs(fitted: Fit) -> list[Note]:
             text = f"the current of joint {bins.joint} has spikes: {shown}. {advice}"
             notes.append(Note("current-spikes", text, Where(joint=bins.joint)))
     return notes
-
-
-def _odd_runs(bins: JointBins, odd: Counts, rms: Floats, usual: float) -> Note:
-    first, count = bins.runs[odd[0]], int(np.count_nonzero(~bins.is_stroke))
-    which = f"{len(odd)} of {count} runs of joint {bins.joint} {'is' if len(odd) == 1 else 'are'}"
-    sizes = f"{number(float(np.sqrt(np.mean(rms[odd] ** 2))))} A RMS, where the median run has {number(usual)} A"
-    text = (
-        f"{which} unlike the others: the model's error there is {sizes}; the first begins at {number(first.start)} s."
-        " Did the arm touch something? Estimates are biased by it, and no interval includes that"
-    )
-    return Note("run-stands-out", text, Where(file=first.origin, row=first.first_row, joint=bins.joint))
 
 
 def _outlying(rms: Floats, *, least: float) -> NDArray[np.bool_]:

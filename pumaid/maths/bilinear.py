@@ -25,7 +25,6 @@ Floats = NDArray[np.float64]
 
 #: A ratio of gains with a larger standard error than this says nothing about any machine.
 LARGEST_RATIO = 1e4
-
 #: What a ratio is taken for before any data: gains of one arm are of one order. Not zero, at which an outer ratio would
 #: seem to act on nothing further inward.
 USUAL_RATIO = 1.0
@@ -49,6 +48,10 @@ class Gains:
         while (up := self.parent[steps[-1]]) is not None:
             steps.append(up)
         return steps
+
+    def subtree(self, row: int) -> list[int]:
+        """Rows at or beyond `row`."""
+        return [other for other in range(self.n_rows) if row in self.path(other)]
 
     def merge(self, row: int, root: int, ratio: float) -> None:
         """Make the cluster of `root` part of the cluster of `row` with eta_row / eta_root = `ratio`."""
@@ -184,13 +187,11 @@ class Recursion:
 CONVERGED = 1e-12
 #: Steps at most, and the share of a step below which it is not halved any more.
 MOST_STEPS, SMALLEST_STEP = 60, 1e-6
-
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
 #: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
 RATIO_KNOWN = 0.25
 RATIO_SIGNIFICANT = 3.3
 RATIO_SPREAD = 10.0
-
 #: Ratios from which a restart begins besides, and the share of the sum of squares that it must get below.
 OTHER_RATIOS, BETTER = (USUAL_RATIO, -USUAL_RATIO), 0.98
 

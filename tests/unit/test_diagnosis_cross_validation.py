@@ -20,9 +20,11 @@ LOADED = [EffectTerm(catalogue()["load_friction"], 1, {})]
 
 def dense(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivatives, columns and residuals of all joints, whitened by dense algebra."""
-    parts, width = [], solved.joints[0].plain.shape[1]
+    parts, width = [], solved.joints[0].total
     for row in solved.joints:
-        plain = np.column_stack([row.plain, added.linear(solved.model.robot, row.bins.samples), row.misfit])
+        plain = np.column_stack(
+            [row.bare @ np.eye(row.total)[row.acting], added.linear(solved.model.robot, row.bins.samples), row.misfit]
+        )
         pieces = np.split(plain, row.bins.first[1:])
         parts += [root @ piece for root, piece in zip(roots(row.bins, row.noise), pieces, strict=True)]
     whole = np.vstack(parts)
@@ -73,7 +75,12 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
     solved = lab.fitted(lab.noisy(1))
     row, squares, count = solved.row(1), np.zeros(2), 0.0
     root = block_diag(*roots(row.bins, row.noise))
-    designs = (row.plain, np.column_stack([row.plain, SPRING[0].linear(solved.model.robot, row.bins.samples)]))
+    designs = (
+        row.bare @ np.eye(row.total)[row.acting],
+        np.column_stack(
+            [row.bare @ np.eye(row.total)[row.acting], SPRING[0].linear(solved.model.robot, row.bins.samples)]
+        ),
+    )
     for _, runs in replicate_folds(solved, [1]):
         out = np.isin(row.bins.run, runs)
         for place, whole in enumerate(designs):

@@ -87,11 +87,11 @@ def test_statistic_is_the_fall_of_the_square():
     row = solved.row(1)
     for found in free_form_scores(solved, 1):
         columns = found.added.linear(solved.model.robot, row.bins.samples)
-        whole = np.column_stack([row.plain, columns, row.misfit])
+        whole = np.column_stack([row.bare @ np.eye(row.total)[row.acting], columns, row.misfit])
         parts = [
             root @ p for root, p in zip(roots(row.bins, row.noise), np.split(whole, row.bins.first[1:]), strict=True)
         ]
-        white, p = np.vstack(parts), row.plain.shape[1]
+        white, p = np.vstack(parts), row.total
         fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
         assert found.statistic <= fall * (1.0 + 1e-6)
         assert found.statistic >= 0.9 * fall - 3.0  # what base and hats share nearly whole is left out

@@ -61,10 +61,10 @@ def dense(row: FitRow, frequency: float) -> tuple[np.ndarray, float]:
     """Scores of cosine and sine, and the fall of the square with both added to the fit, from dense whitening."""
     q = row.bins.samples.position[:, 0]
     waves = np.column_stack([np.cos(frequency * q), np.sin(frequency * q)])
-    whole = np.column_stack([row.plain, waves, row.misfit])
+    whole = np.column_stack([row.bare @ np.eye(row.total)[row.acting], waves, row.misfit])
     parts = np.split(whole, row.bins.first[1:])
     white = np.vstack([root @ part for root, part in zip(roots(row.bins, row.noise), parts, strict=True)])
-    p = row.plain.shape[1]
+    p = row.total
     fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
     return white[:, p:-1].T @ white[:, -1], fall
 

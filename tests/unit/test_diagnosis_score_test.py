@@ -40,10 +40,12 @@ def stacked(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.
     """Every joint's derivatives, a candidate's columns and the residuals, whitened by dense algebra."""
     parts = []
     for row in solved.joints:
-        plain = np.column_stack([row.plain, added.linear(solved.model.robot, row.bins.samples), row.misfit])
+        plain = np.column_stack(
+            [row.bare @ np.eye(row.total)[row.acting], added.linear(solved.model.robot, row.bins.samples), row.misfit]
+        )
         pieces = np.split(plain, row.bins.first[1:])
         parts += [root @ piece for root, piece in zip(roots(row.bins, row.noise), pieces, strict=True)]
-    whole, width = np.vstack(parts), solved.joints[0].plain.shape[1]
+    whole, width = np.vstack(parts), solved.joints[0].total
     return whole[:, :width], whole[:, width:-1], whole[:, -1]
 
 
@@ -181,7 +183,9 @@ def test_misfit_with_an_effect_is_that_of_the_refit():
     base, columns, target = stacked(solved, trial.added)
     move = np.linalg.pinv(np.column_stack([base, columns])) @ target
     row = solved.row(1)
-    plain = np.column_stack([row.plain, trial.added.linear(solved.model.robot, row.bins.samples)])
+    plain = np.column_stack(
+        [row.bare @ np.eye(row.total)[row.acting], trial.added.linear(solved.model.robot, row.bins.samples)]
+    )
     np.testing.assert_allclose(misfit_with(solved, trial)[1], row.misfit - plain @ move, atol=1e-7)
 
 
