@@ -15,12 +15,8 @@ ALL = "all"
 def read_choice(text: str, robot: Robot, option: str) -> EffectChoice:
     """What a user writes after `option`, ``EFFECT[@JOINT][:KEY=VALUE,...]``; the effect and its keys are not checked.
 
-    The joint is a number from 1, a joint's name or ``all`` (as is none).
-
-    Raises
-    ------
-    ModelError [effect-joint], [effect-shape]
-        There is no such joint, or a value is no number or given twice.
+    The joint is a number from 1, a joint's name or ``all`` (as is none). Raises ModelError: effect-joint where there is
+    no such joint, effect-shape where a value is no number or given twice.
     """
     where = Where(field=f"{option} {text}")
     head, _, tail = text.partition(":")

@@ -38,21 +38,11 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     """Gravity's currents, their slopes and the base model's prediction at M instants of one moving joint.
 
     With h the regrouped first moment of all links from joint i outward (base axes, in joint i's gain), gravity's moment
-    about joint i is g x h and its current z_i . (g x h); a slope follows from which of z_i, h and g turn.
+    about joint i is g x h and its current z_i . (g x h); a slope follows from which of z_i, h and g turn. `solution`
+    (p,) are parameters and `scales` (J, J) ratios of gains as in `Estimate`; an unknown ratio counts as zero in the
+    moving joint's own load and makes other joints' loads NaN.
 
-    Parameters
-    ----------
-    model
-        The arm and its columns.
-    samples
-        M instants.
-    solution, scales
-        (p,) parameters and (J, J) ratios of gains as in `Estimate`; an unknown ratio counts as zero in the moving
-        joint's own load and makes other joints' loads NaN.
-
-    Source
-    ------
-    S.-K. Lin, eq. (11), (25), in the directions of the axes.
+    Source: S.-K. Lin, eq. (11), (25), in the directions of the axes.
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)

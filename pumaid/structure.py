@@ -24,14 +24,9 @@ POSTURES = 120
 class Structure:
     """The minimal parameters of an arm.
 
-    Attributes
-    ----------
-    absent
-        Name of a gravity parameter that no motion of this arm can show -> why, in the user's words.
-    embodied
-        Prismatic joints (from 1) whose constant load hides in their Coulomb terms (eq. 32, 33).
-    redundant
-        Pairs (i, i+1) of joints (from 1) whose ratio of gains no motion can show -> why.
+    `absent` maps names of gravity parameters that no motion can show, `redundant` pairs (i, i+1) of joints (from 1)
+    whose ratio of gains none can, to why; `embodied` are prismatic joints whose constant load hides in their Coulomb
+    terms (eq. 32, 33).
     """
 
     absent: dict[str, str] = field(default_factory=dict)
@@ -40,20 +35,10 @@ class Structure:
 
 
 def minimal(robot: Robot, *, seed: int = 0) -> Structure:
-    """Derive the minimal parameters from random postures and random parameters of the arm.
+    """Derive the minimal parameters from random postures (by `seed`) and random parameters of the arm.
 
-    A friction term absorbs what a gravity column shares with it, as in the paper's Corollary 4.
-
-    Parameters
-    ----------
-    robot
-        Its geometry and gravity; joint limits are not looked at.
-    seed
-        Of the postures; the answer does not depend on it but on a set of measure zero.
-
-    Source
-    ------
-    S.-K. Lin, Theorem 3 and Corollary 4, found here by rank instead of by their case rules.
+    A friction term absorbs what a gravity column shares with it. Source: S.-K. Lin, Theorem 3 and Corollary 4, found
+    here by rank instead of by their case rules.
     """
     return _of_geometry(tuple(robot.joints), tuple(robot.gravity), seed)
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
-from pumaid.estimation.fit import Fit, elsewhere
-from pumaid.estimation.projection import Projector
+from pumaid.estimation.fit import Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import FLAT, pseudo_inverse
 

@@ -11,7 +11,7 @@ from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
 from pumaid.diagnosis.sign_flip import GROSS, PERIODIC, SignFlips
 from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
 from pumaid.effects import Effect, Scope
-from pumaid.estimation.projection import Projector
+from pumaid.estimation.fit import Projector
 from pumaid.robot import Robot
 
 #: Chance with which an effect of the limit's size is found.

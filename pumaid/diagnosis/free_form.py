@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pumaid.diagnosis.score_test import ScoreTest, score_of
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
-from pumaid.estimation.fit import Fit
-from pumaid.estimation.projection import Projector
+from pumaid.estimation.fit import Fit, Projector
 from pumaid.joint_bins import JointBins
 from pumaid.robot import Robot
 from pumaid.samples import Samples

@@ -19,9 +19,8 @@ from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect
 from pumaid.effects import Scope
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.estimation.fit import Fit, loaded
+from pumaid.estimation.fit import Fit, Projector, loaded
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.estimation.projection import Projector
 from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot

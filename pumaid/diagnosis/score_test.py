@@ -13,8 +13,7 @@ from scipy import special
 from pumaid.diagnosis.candidates import Candidates, Key, grid_of
 from pumaid.diagnosis.periodogram import Spectrum
 from pumaid.effect_spec import EffectTerm
-from pumaid.estimation.fit import ABSORBED, Fit
-from pumaid.estimation.projection import Projector
+from pumaid.estimation.fit import ABSORBED, Fit, Projector
 from pumaid.maths.rank import pseudo_inverse
 
 Floats = NDArray[np.float64]

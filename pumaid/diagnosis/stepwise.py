@@ -17,10 +17,9 @@ from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p, re
 from pumaid.diagnosis.sign_flip import PERIODIC, SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
-from pumaid.estimation.fit import Fit, at_bins, loaded, misfit_at
+from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, misfit_at
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
-from pumaid.estimation.projection import Projector
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
 

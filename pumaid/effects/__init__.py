@@ -24,10 +24,7 @@ _INCLUDED: dict[Path, Effect] = {}
 def catalogue() -> Mapping[str, Effect]:
     """Every effect by its name: this folder's, those of entry points ``pumaid.effects``, and files that were included.
 
-    Raises
-    ------
-    ModelError [effect-file, effect-contract, effect-taken]
-        An installed package offers something that is no effect, breaks the contract or takes a name that is taken.
+    Raises ModelError as `include` does where an installed package offers what is no effect.
     """
     effects = dict(_built_in())
     effects |= from_entry_points(effects)
@@ -37,22 +34,10 @@ def catalogue() -> Mapping[str, Effect]:
 def include(path: Path) -> Effect:
     """Add the effect in a ``.py`` file to the catalogue of this process; its name is the file's.
 
-    The file is run, so only one that the user names may come here, never one that a recipe or a model names. A file
-    that was included before is not run again.
-
-    Parameters
-    ----------
-    path
-        The file; it holds one class made from `Effect`.
-
-    Raises
-    ------
-    ModelError [effect-file]
-        It cannot be run, or holds no effect or several.
-    ModelError [effect-taken]
-        The catalogue has an effect of this name.
-    ModelError [effect-contract]
-        The effect does not keep what every effect promises; tried on a small arm and made-up motions.
+    The file holds one class made from `Effect`. It is run, so only one that the user names may come here, never one
+    that a recipe or a model names; a file that was included before is not run again. Raises ModelError: effect-file
+    where it cannot be run, or holds no effect or several; effect-taken; effect-contract where the effect does not keep
+    what every effect promises, tried on a small arm and made-up motions.
     """
     place = path.resolve()
     if place not in _INCLUDED:

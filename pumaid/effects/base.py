@@ -196,16 +196,9 @@ class Effect:
     ) -> Floats:
         """(M, p) A of current in joint `samples.joint` per unit of each parameter, at M instants of its motion.
 
-        Parameters
-        ----------
-        robot, samples
-            The arm and the instants.
-        number
-            Owner of the parameters, from 1; the moving joint itself where not given, 0 or None for the whole arm. Of
-            scope LINK it may be any link outward of the moving joint, and the current is then in units of that link's
-            own gain; of scope CAUSE it is the joint that causes the current, wherever it flows.
-        shape
-            Nonlinear parameters by name.
+        `number` (from 1) owns the parameters: the moving joint where not given, 0 or None for the whole arm. Of scope
+        LINK it may be any link outward of the moving joint, and the current is then in units of that link's own gain;
+        of scope CAUSE it is the joint that causes the current, wherever it flows.
         """
         owner = number or (0 if self.scope is Scope.ARM else samples.joint)
         names = tuple(parameter.name for parameter in self.parameters(robot, owner))

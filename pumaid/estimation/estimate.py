@@ -35,39 +35,16 @@ def identify(
     recursive: bool = False,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Identify the arm's parameters from runs.
+    """Every parameter of the minimal model and of the effects, identified or not, with errors clustered by run.
 
-    Rows are solved from the last joint to the first; then all rows are refined together. Held-out runs are left out.
+    Rows are solved from the last joint to the first; then, unless `recursive`, all rows are refined together. Held-out
+    runs are left out. `effects` are physics beyond the paper's model, the recipe's where not given; shapes that a
+    choice leaves open are fitted. `progress` is called with the joint at work (0: all) and a word on what is done.
 
-    Parameters
-    ----------
-    dataset
-        Runs of some or all joints.
-    robot
-        Geometry and gravity.
-    effects
-        Physics beyond the paper's model; the recipe's where not given. Shapes that a choice leaves open are fitted.
-    recursive
-        Stop after the recursion.
-    progress
-        Called with the joint at work (0: all) and a word on what is done.
+    Raises LogError (no-runs) where there is no run to fit, and ModelError (unknown-effect, effect-joint, effect-shape,
+    effect-twice) where an effect cannot be in the model.
 
-    Returns
-    -------
-    estimate
-        Every parameter of the minimal model and of the effects, identified or not, with standard errors clustered by
-        run.
-
-    Raises
-    ------
-    LogError [no-runs]
-        There is no run to fit.
-    ModelError [unknown-effect], [effect-joint], [effect-shape], [effect-twice]
-        An effect cannot be in the model.
-
-    Source
-    ------
-    S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators".
+    Source: S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators".
     """
     choices = expanded(robot.effects if effects is None else effects, robot)
     runs = tuple(run for run in dataset.runs if not run.heldout)

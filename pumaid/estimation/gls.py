@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
 from pumaid.estimation import noise as noises
-from pumaid.estimation.fit import Fit, Row, design_of, inner_noise, with_loads
+from pumaid.estimation.fit import Fit, Row, design_of, inner_noise, plausible, with_loads
 from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
@@ -38,8 +37,6 @@ Progress = Callable[[int, str], None]
 ROUNDS = 2
 #: Step of a numerical derivative, as a share of the value.
 STEP = 1e-4
-#: Share of the range that is physical by which a parameter is uncertain before any data.
-QUARTER = 0.25
 #: How much firmer than its prior a shape is held at a bound.
 TIGHT = 1e6
 #: s, beside half a step of the log: what filters of drives and a fieldbus put between a current and its position.
@@ -319,17 +316,6 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
             in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)
     return np.array(out)
-
-
-def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:
-    """The size that a parameter of an effect may have before any data.
-
-    `peaks` are joints and the most (A) that a unit of it draws there, `span` goes from the lowest to the highest value
-    that is physical.
-    """
-    tiny = np.finfo(float).tiny
-    sizes = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
-    return min(sizes + [QUARTER * span] * math.isfinite(span), default=1.0)
 
 
 def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:

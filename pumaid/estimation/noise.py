@@ -38,16 +38,9 @@ SAME_COST, RANK = 1e-6, 1e-9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class NoiseModel:
-    """Noise of one joint.
-
-    Attributes
-    ----------
-    correlation, spread
-        (R,) of neighbouring bins, and standard deviation of a bin (A), of each run.
-    level
-        (R,) standard deviation (A) of the level that each run shares.
-    from_replicates
-        Whether it comes from differences of repeated runs; else from residuals, which hold missing physics too.
+    """Noise of one joint: of each run (R,) the correlation of neighbouring bins, and the standard deviations (A) of a
+    bin (`spread`) and of the level that the run shares; `from_replicates`, else from residuals, which hold missing
+    physics too.
     """
 
     correlation: Floats
@@ -115,16 +108,9 @@ def inside_runs(
     """White noise of a sample alike in all runs, and how many times its density slow noise has inside runs.
 
     To estimate parameters nothing is whitened within runs: that would lift the band in which what a model lacks, and
-    the noise of smoothed accelerations, live.
-
-    Parameters
-    ----------
-    bins
-        R runs, N bins.
-    residual, lost
-        (N,) A that each run leaves beside a fit of its own, and (R,) the parameters of that.
-    enough
-        (R,) runs that are long enough to tell; where none is, the scatter inside bins does.
+    the noise of smoothed accelerations, live. `residual` (N,) A is what each run leaves beside a fit of its own, `lost`
+    (R,) the parameters of that; `enough` (R,) are runs that are long enough to tell: where none is, the scatter inside
+    bins does.
     """
     pieces = np.split(residual, bins.first[1:])
     floor = max(EXACT * float(np.sqrt(bins.mean_square)), 1e-70)
@@ -150,9 +136,7 @@ def noise_of(bins: JointBins, residual: Floats, pairs: Sequence[tuple[int, int]]
 
     `pairs` are the runs that repeat one another; those of `bins` where not given.
 
-    Source
-    ------
-    Yule-Walker for the correlation, with the first-order correction of its bias (M. G. Kendall, Biometrika 41, 1954).
+    Source: Yule-Walker for the correlation, its bias corrected to first order (M. G. Kendall, Biometrika 41, 1954).
     """
     pairs = bins.pairs if pairs is None else pairs
     paired = len(pairs) >= FEWEST_PAIRS
@@ -236,25 +220,11 @@ def estimate(
 ) -> Levels | None:
     """Restricted maximum likelihood of the two variances, and of a third where some runs may be noisier than others.
 
-    Parameters
-    ----------
-    ones
-        (R, k) each run's constant in its own rows (padding rows are zero).
-    design, target
-        (R, k, q) and (R, k).
-    counts
-        (R,) true rows of each run, padding not counted.
-    is_loud
-        (R,) runs that may be noisier than the others, or calmer; without effect where they are all or none.
+    `ones` (R, k) is each run's constant in its own rows, `design` (R, k, q), `target` (R, k); of the k rows `counts`
+    (R,) are true, the others zero. Runs that are `is_loud` (R,) may be noisier than the others, or calmer; without
+    effect where they are all or none. None where fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
 
-    Returns
-    -------
-    levels
-        None when fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
-
-    Source
-    ------
-    D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320-338.
+    Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320-338.
     """
     basis = _orthonormal(design)
     freedoms = int(counts.sum()) - basis.shape[2]
@@ -315,23 +285,13 @@ class _VarianceLikelihood:
 
 
 def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:
-    """Satterthwaite degrees of freedom of each parameter's variance when the working model of the noise gives it.
+    """(p,) Satterthwaite degrees of freedom of each parameter's variance where the noise's working model gives it.
 
-    Parameters
-    ----------
-    levels
-        The variances in use.
-    ones
-        (R, k) each run's constant, not whitened.
-    jacobian
-        (R, k, p) whitened.
-    inverse
-        (p, p) inverse information of all rows.
+    `ones` (R, k) is each run's constant, not whitened, `jacobian` (R, k, p) whitened, `inverse` (p, p) the inverse
+    information of all rows.
 
-    Source
-    ------
-    F. E. Satterthwaite, Biometrics 2 (1946) 110-114, on restricted likelihood as in A. H. M. A. Cornelius and R. Fai,
-    J. Stat. Comput. Simul. 54 (1996) 363-378.
+    Source: F. E. Satterthwaite, Biometrics 2 (1946) 110-114, on restricted likelihood as in A. H. M. A. Cornelius and
+    R. Fai, J. Stat. Comput. Simul. 54 (1996) 363-378.
     """
     n_runs, k, p = jacobian.shape
     root = whiten(levels, ones, np.broadcast_to(np.eye(k), (n_runs, k, k)))  # V^-1/2 of each run

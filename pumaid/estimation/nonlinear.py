@@ -14,9 +14,8 @@ from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Scope
 from pumaid.effects.base import Family, Shape
 from pumaid.errors import ModelError, Where
-from pumaid.estimation.fit import Fit, rmse_by_joint
+from pumaid.estimation.fit import Fit, Projector, Refit, rmse_by_joint
 from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
-from pumaid.estimation.projection import Projector, Refit
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice
@@ -227,18 +226,11 @@ def _range(shape: Shape, fits: Sequence[tuple[Point, Refit]], starts: Sequence[f
 
 @dataclass(frozen=True, eq=False)
 class EffectFit:
-    """A fit with its effects.
+    """A fit with its effects, in a model in which these have their shapes.
 
-    Attributes
-    ----------
-    fit
-        The fit, in a model whose effects have their shapes.
-    ranges
-        (place of the effect, shape) -> lowest and highest value that the data leave open, of shapes without derivative.
-    is_settled
-        Whether the last round moved nothing any more.
-    search
-        What it came from, for looking at its likelihood; None where there are no effects.
+    `ranges` maps (place of the effect, shape) to the lowest and highest value that the data leave open, of shapes
+    without derivative; `is_settled` says whether the last round moved nothing any more; `search` is what the fit came
+    from, for looking at its likelihood, None where there are no effects.
     """
 
     fit: Fit
@@ -270,30 +262,13 @@ def fit_effects(
 ) -> EffectFit:
     """Fit the arm's base model and chosen effects together.
 
-    Effects whose shapes are known come first; then one free effect after the other is looked for where the fit so far
-    leaves something; then all shapes are moved together by Gauss and Newton's steps, loads renewed in each round.
+    `model` is the base model that `runs` ask for, `choices` have one joint each, or the whole arm. Effects whose shapes
+    are known come first; then one free effect after the other is looked for where the fit so far leaves something; then
+    all shapes are moved together by Gauss and Newton's steps, loads renewed in each round. Raises ModelError
+    (effects-astray) where the fit with the effects is far worse than without.
 
-    Parameters
-    ----------
-    model
-        The base model that `runs` ask for.
-    runs
-        To be fitted.
-    choices
-        One joint each, or the whole arm.
-    campaign
-        When the joints first moved.
-    recursive, progress
-        As for `fit_bins`.
-
-    Raises
-    ------
-    ModelError [effects-astray]
-        The fit with the effects is far worse than without.
-
-    Source
-    ------
-    G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432: what is linear is refitted at every shape.
+    Source: G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432: what is linear is refitted at every
+    shape.
     """
     wanted = terms_of(choices)
     bins = bins_for(model, runs, wanted, campaign=campaign)
@@ -332,13 +307,8 @@ def bins_for(
 
 
 def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:
-    """Refuse a fit with effects of these `names` that meets a joint far worse than `before`, RMSE (A) by joint.
-
-    Raises
-    ------
-    ModelError [effects-astray]
-        A joint is missed by `WORSE` times as much.
-    """
+    """Refuse (effects-astray) a fit with effects of these `names` that misses a joint by `WORSE` times as much as
+    `before`, RMSE (A) by joint."""
     current = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in fitted.rows}
     for joint, size in rmse_by_joint(fitted).items():
         was = before.get(joint, np.inf)

@@ -95,23 +95,9 @@ class Gains:
 class Recursion:
     """The state of the solution while rows are taken from the last to the first.
 
-    Parameters
-    ----------
-    owners
-        (p,) the row (from 0) that owns each column.
-    n_rows
-        Number of rows.
-
-    Attributes
-    ----------
-    values
-        (p,) w*, minimum-norm where undetermined.
-    gains
-        The ratios found so far.
-    undetermined
-        (p,) columns that their own row could not determine.
-    redundant
-        Pairs (row, root) whose ratio was met by a column but not determined by it.
+    `owners` (p,) is the row (from 0) that owns each column; `values` (p,) are w*, minimum-norm where `undetermined`
+    (p,) by their own row; `gains` are the ratios so far, `redundant` pairs (row, root) whose ratio was met by a column
+    but not determined by it.
 
     Examples
     --------

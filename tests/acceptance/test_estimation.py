@@ -11,11 +11,10 @@ from experiments import EXPERIMENTS, coverage, losses
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
 from pumaid.diagnosis.diagnose import diagnose
-from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import EffectChoice
-from pumaid.simulation import Bench, Noise, Truth, draw, table1
+from pumaid.simulation import Bench, Noise, draw, table1
 from pumaid.simulation.hidden_effects import parse
 
 #: Four binomial standard deviations of as many experiments below 95 %.
@@ -60,23 +59,6 @@ def test_joint_estimate_sits_on_the_cramer_rao_bound_and_the_recursion_does_not(
     assert joint_loss.max() < 1.2
     for name in ("gravity.l4.y", "gravity.l5.x"):
         assert first_loss[names.index(name)] > 2.0
-
-
-def exact(truth: Truth, estimate: Estimate, *, scale: float) -> float:
-    """Largest deviation from the truth of an identified parameter, relative to `scale` or the parameter's own size."""
-    known = truth.parameters()
-    found = [value for value in estimate.values if value.value is not None]
-    assert len(found) > 30
-    return max(abs(value.value - known[value.name]) / max(abs(known[value.name]), scale) for value in found)
-
-
-@pytest.mark.parametrize("name", ["stanford", "puma560", "panda"])
-def test_without_noise_every_parameter_is_exact(name):
-    """From noise-free samples an arm's parameters come back to 1e-9, the Stanford arm's prismatic joint among them."""
-    robot = read_recipe(shipped_recipes()[name])
-    truth = draw(robot, 5).with_noise(0.0)
-    runs = Bench(truth, plan(robot, seed=5, replicates=1), rate=20.0).runs(np.random.default_rng(0))
-    assert exact(truth, identify(Dataset(runs), robot), scale=1e-3) < 1e-9
 
 
 def test_a_payloads_error_knows_of_the_ratios_that_make_its_load():

@@ -65,21 +65,6 @@ def test_unit_of_one_joints_current(joint, power):
 
 
 @FEW
-@given(st.randoms(use_true_random=False))
-def test_order_of_runs(random):
-    """Runs may come in any order."""
-    runs = list(RUNS)
-    random.shuffle(runs)
-    assert_same(identify(Dataset(tuple(runs)), CRANE))
-
-
-def test_names_of_joints():
-    """Joints' names are for people."""
-    renamed = replace(CRANE, joints=tuple(replace(j, name=f"axis {9 - j.number}") for j in CRANE.joints))
-    assert_same(identify(Dataset(RUNS), renamed))
-
-
-@FEW
 @given(st.floats(-3.0, 3.0))
 def test_how_the_base_lies(angle):
     """Base and gravity turned together, about the axis from which the first twist counts, change nothing."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faulty import COLUMNS, RECIPE, csv, fitted, good, intervals, invoke, parquet, slugs_of
+from faulty import COLUMNS, RECIPE, csv, fitted, good, intervals, invoke, parquet
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -51,14 +51,6 @@ def assert_scaled(found: dict, *, factor: float = 1.0, share: float = ROUNDING, 
         times = 1.0 if name.startswith("gain_ratio") else factor
         error = share * times * (high - low) / 4
         assert new[name] == pytest.approx((times * value, times * low, times * high), abs=error), name
-
-
-@FEW
-@given(st.floats(-6.0, 5.0))
-def test_currents_of_any_size(tmp_path, power):
-    """Currents 1e-6 to 1e5 times as large scale what is measured in them, and leave ratios and states alone."""
-    size = 10.0**power
-    assert_scaled(model(tmp_path / "arm", [t.assign(i1=size * t.i1, i2=size * t.i2) for t in good()]), factor=size)
 
 
 def test_currents_beyond_any_recorder_are_refused(tmp_path):
@@ -148,41 +140,3 @@ def test_time_of_any_origin_changes_nothing(tmp_path):
     and one at the end of a run in or out of it, which at 40 Hz is a share of its standard error.
     """
     assert_scaled(model(tmp_path / "arm", [table.assign(t=table.t + 1.7e9) for table in good()]), share=0.5)
-
-
-def ill(name: str) -> list:
-    """Experiments that cannot tell some parameters: a twentieth of the range, one way only, one speed, one posture."""
-    tables = []
-    for table in good():
-        moving = {k: table[f"qd{k}"].abs() > 0.3 for k in (1, 2)}
-        drop = {
-            "one way": table.qd2 < -0.05,
-            "one speed": (table.qd2.abs() - 0.9).abs().between(0.05, 0.85) | (table.qd2.abs() > 1.7),
-            "small range": (table.q2.abs() > 0.1) & moving[2],
-        }[name]
-        tables.append(table[~drop])
-    return tables
-
-
-#: What each of them leaves open, of joint 2.
-OPEN = {"one way": "coulomb.j2.minus", "one speed": "viscous.j2.plus", "small range": "gravity.l2.x"}
-
-
-@pytest.mark.parametrize("name", OPEN)
-def test_an_ill_conditioned_design_is_said_to_be_so(tmp_path, name):
-    """What the runs cannot tell is not identifiable, with the reason, or has an interval many times as wide."""
-    found = model(tmp_path / "arm", ill(name))
-    value = next(v for joint in found["joints"] for v in joint["parameters"] if v["name"] == OPEN[name])
-    if value["state"] == "identified":
-        _, low, high = intervals(fitted())[OPEN[name]]
-        assert value["ci95"][1] - value["ci95"][0] > 5 * (high - low)
-    else:
-        assert value["value"] is None and len(value["reason"]) > 20
-
-
-def test_nothing_is_said_of_the_good_logs(tmp_path):
-    """The logs that all of this starts from carry no note."""
-    model(tmp_path / "arm", good())
-    assert (
-        slugs_of(invoke("identify", str(tmp_path / "arm" / "a.csv"), str(tmp_path / "arm" / "b.csv")).stderr) == set()
-    )

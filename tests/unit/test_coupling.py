@@ -164,14 +164,6 @@ def test_compare_predicts_friction_at_the_motors_speed(weightless):
     assert all(score.rmse < 1e-9 for score in scores)
 
 
-def test_identification_is_of_each_joint_alone(weightless):
-    """While one joint moves alone its motor turns with it, so a coupled recipe finds the same friction."""
-    found = worlds.identified(weightless)
-    for joint in (1, 2):
-        assert found[f"coulomb.j{joint}.plus"] == pytest.approx(0.4, abs=1e-9)
-        assert found[f"viscous.j{joint}.minus"] == pytest.approx(0.1, abs=1e-9)
-
-
 def test_held_joints_that_tremble_drive_no_friction():
     """What the encoder of a held joint shows during a run is no speed of its motor."""
     course = worlds.course("constant", -1.0, 1.0, duration=2.0)

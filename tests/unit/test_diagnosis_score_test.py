@@ -24,8 +24,7 @@ from pumaid.diagnosis.score_test import (
 from pumaid.diagnosis.stepwise import misfit_with
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
-from pumaid.estimation.fit import Fit
-from pumaid.estimation.projection import Projector
+from pumaid.estimation.fit import Fit, Projector
 from pumaid.simulation import Hidden
 
 HIDDEN = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})

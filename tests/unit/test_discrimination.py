@@ -15,9 +15,8 @@ from pumaid.diagnosis.stepwise import DECISIVE, evidence
 from pumaid.diagnosis.verdict import next_run as deciding
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
-from pumaid.estimation.fit import loaded
+from pumaid.estimation.fit import Projector, loaded
 from pumaid.estimation.gls import fit_with_replicates, refit
-from pumaid.estimation.projection import Projector
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
 from pumaid.joint_bins import COARSE, extent, joint_bins

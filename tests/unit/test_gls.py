@@ -31,16 +31,6 @@ def test_links_of_unmoved_joints_are_in_an_inner_gain(moving, wanted):
     assert assign(Model(STANFORD), moving).tolist() == wanted
 
 
-@pytest.mark.parametrize("missing", [2, 4, 5])
-def test_joint_fit_without_a_joint_explains_all(missing):
-    """Whichever joint's rows are missing, the fit over the rest leaves no misfit of noise-free data."""
-    truth = drawn(STANFORD, noisy=False)
-    runs = dataset(truth, only(experiment(STANFORD), lambda motion: motion.joint != missing)).runs
-    fitted = fit_runs(STANFORD, runs)
-    for row in fitted.joints:
-        assert np.sqrt(np.mean(row.misfit**2)) < 1e-9
-
-
 def test_levels_of_runs_are_found():
     """The level that a run shares is estimated without bias from 72 runs of one joint."""
     truth, found = drawn(CRANE), []

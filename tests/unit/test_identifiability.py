@@ -7,14 +7,11 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy import stats
-from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, fit_runs, only, puma, truth_in_units
+from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, only, puma, truth_in_units
 
 from pumaid.dataset import Campaign, Dataset
-from pumaid.estimation.covariance import recursion_covariance
 from pumaid.estimation.estimate import identify
-from pumaid.estimation.fit import run_of
-from pumaid.estimation.identifiability import FittedParameters, ratio_gradient
-from pumaid.estimation.reasons import JointCoverage
+from pumaid.estimation.identifiability import ratio_gradient
 from pumaid.joint_bins import samples_of
 from pumaid.maths.bilinear import Gains
 from pumaid.model import Model
@@ -63,20 +60,6 @@ def test_ratios_over_two_branches_have_the_slope_of_their_edges():
             assert slope[number] == pytest.approx((ahead - back) / 2e-6, abs=1e-6)
 
 
-def test_errors_are_the_spread_of_estimates():
-    """Standard errors told on average are the spread of values over 30 experiments."""
-    truth, plan = drawn(CRANE), experiment(CRANE)
-    bench = Bench(truth, plan, rate=50.0)
-    estimates = [identify(Dataset(bench.runs(np.random.default_rng(n))), CRANE) for n in range(30)]
-    names = [v.name for v in estimates[0].values if all(e.value(v.name).state == "identified" for e in estimates)]
-    spread = np.std([[e.value(n).value for n in names] for e in estimates], axis=0, ddof=1)
-    told = np.sqrt(np.mean([[e.value(n).std_error ** 2 for n in names] for e in estimates], axis=0))
-    assert len(names) >= 18
-    # Each spread is known to 13 %; 18 of them, four standard deviations.
-    assert np.max(np.abs(np.log(told / spread))) < 0.55
-    assert np.mean(told / spread) == pytest.approx(1.0, abs=0.1)
-
-
 def test_a_parameter_not_told_apart_names_its_partners():
     """Without joint 3 of the PUMA's outer four, what is tied is named, in parameters of the model."""
     estimate = identify(dataset(PUMA, only(table1.experiment(), lambda motion: motion.joint == 3)), PUMA.robot)
@@ -94,24 +77,6 @@ def test_blind_directions_change_no_fitted_run():
         scales = np.nan_to_num(estimate.scales[run.joint - 1])[model.owners - 1]
         rows = model.regressor(samples_of(run, Campaign.of([run]))) * scales
         assert np.abs(rows @ estimate.blind).max(initial=0.0) < 0.02 * np.abs(run.bins.current).max()
-
-
-def test_sheet_of_the_recursion_has_its_own_ratios():
-    """Where the recursion leaves a ratio open that the joint fit carries along, its sheet does not mix them up."""
-    holds: dict[int, tuple] = {}
-    for motion in table1.experiment().motions:
-        holds.setdefault(motion.joint, motion.hold)
-    runs = dataset(PUMA, only(table1.experiment(), lambda motion: motion.hold == holds[motion.joint])).runs
-    fitted = fit_runs(PUMA.robot, runs)
-    assert len(fitted.first.solution.gains.edges) < len(fitted.gains.edges)
-    first = recursion_covariance(
-        fitted.first.system, fitted.first.solution.values, fitted.first.solution.gains, runs=run_of(fitted.rows)
-    )
-    coverage = {joint: JointCoverage.of(joint, runs) for joint in range(1, 7)}
-    found = FittedParameters.of(fitted, first, coverage, recursive=True)
-    values = {value.name: value for value in found.values()}
-    assert values["gain_ratio.2.3"].state == values["gravity.l2.x"].state == "not_identifiable"
-    assert values["gravity.l6.x"].state == "identified"
 
 
 @pytest.mark.parametrize("missing", [2, 5])
@@ -176,15 +141,18 @@ def test_load_in_one_posture():
         assert total.value == pytest.approx(np.sum(terms), rel=1e-6)
 
 
-@pytest.mark.parametrize("plan", [ONE_POSTURE, ONE_SPEED], ids=["one posture", "one speed"])
-def test_errors_are_the_spread_of_sums(plan):
-    """Standard errors told, ratios' share included, are the spread of the sums over 30 experiments."""
+@pytest.mark.parametrize("plan", [ONE_POSTURE, ONE_SPEED, experiment(PENDULUM)], ids=["posture", "speed", "all"])
+def test_errors_are_the_spread_of_values_and_sums(plan):
+    """Standard errors told, ratios' share included, are the spread of what is told over 30 experiments."""
     bench, told = Bench(TRUTH, plan, rate=50.0), []
     for seed in range(30):
         estimate = identify(Dataset(bench.runs(np.random.default_rng(seed))), PENDULUM)
-        told.append({total.text: (total.value, total.std_error) for total in estimate.combinations})
+        entries = [(total.text, total) for total in estimate.combinations]
+        # Where sums are told, some parameters have errors as large as they are plausible.
+        entries = entries or [(value.name, value) for value in estimate.values if value.state == "identified"]
+        told.append({name: (entry.value, entry.std_error) for name, entry in entries})
     texts = [text for text in told[0] if all(text in one for one in told)]
-    assert texts
+    assert len(texts) >= (4 if plan in (ONE_POSTURE, ONE_SPEED) else 10)
     values = np.array([[one[text] for text in texts] for one in told])
     ratio = np.sqrt(np.mean(values[:, :, 1] ** 2, axis=0)) / values[:, :, 0].std(axis=0, ddof=1)
     # A spread over 30 is known to 13 %, and six runs a joint make the errors themselves uncertain by a third.

@@ -18,7 +18,7 @@ from pumaid.diagnosis.score_test import score_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
-from pumaid.estimation.projection import Projector
+from pumaid.estimation.fit import Projector
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.trajectory import Plan
