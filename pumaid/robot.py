@@ -15,25 +15,19 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One joint and the link that it moves.
+    """One joint and the link that it moves; its frame is stated by modified Denavit-Hartenberg parameters (Craig)."""
 
-    `number` counts from 1, base to tip; `kind` is ``"revolute"`` or ``"prismatic"``. Its frame, about or along whose z
-    it moves, is stated by modified Denavit-Hartenberg parameters (Craig; rad, m), where `theta` of a revolute and `d`
-    of a prismatic joint are offsets added to the measured position, or by the rows of `placement`: the (4, 4) frame at
-    zero in that of the joint before. `limits` are the lowest and highest measured position (rad or m), `max_velocity`
-    is in rad/s or m/s, `gear_ratio` motor turns per joint turn (of a prismatic joint rad of the motor per m).
-    """
-
-    number: int
+    number: int  # from 1, base to tip
     name: str
-    kind: str
-    theta: float = 0.0
+    kind: str  # "revolute" or "prismatic": about or along the frame's z
+    theta: float = 0.0  # rad, m; theta of a revolute and d of a prismatic joint are added to the measured position
     alpha: float = 0.0
     a: float = 0.0
     d: float = 0.0
-    limits: tuple[float, float] | None = None
-    max_velocity: float | None = None
-    gear_ratio: float | None = None
+    limits: tuple[float, float] | None = None  # lowest and highest measured position, rad or m
+    max_velocity: float | None = None  # rad/s or m/s
+    gear_ratio: float | None = None  # motor turns per joint turn (of a prismatic joint rad of the motor per m)
+    # Rows of the (4, 4) frame at zero in that of the joint before, instead of the parameters.
     placement: tuple[tuple[float, ...], ...] | None = None
 
     @property
@@ -62,11 +56,9 @@ class LogFormat:
     """How this robot's logs are written: column templates, their units and signs.
 
     Templates hold ``{joint}`` (from 1), ``{joint0}`` (from 0) or ``{name}`` (the joint's, from `names`); `velocity` and
-    `temperature` may be absent from a log.
-    `units` are unit words by quantity: time, position and velocity (of revolute joints), prismatic_position and
-    prismatic_velocity, current, temperature; a quantity that is not named is in SI (rad, m, s, A, degC).
-    `signs` hold J values of +1 or -1 for position and current: what the log's number is multiplied by (the sign of
-    position is also that of velocity).
+    `temperature` may be absent from a log. `units` are unit words by quantity (time, position, velocity,
+    prismatic_position, prismatic_velocity, current, temperature), SI where not named. `signs` hold J values of +1 or -1
+    for position (and velocity) and for current, by which the log's numbers are multiplied.
     """
 
     time: str = "t"
@@ -114,39 +106,29 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True)
 class Safety:
-    """The block `safety` of a recipe: forbidden space and the arm's own extent.
-
-    `tool` is the tip in the last link's frame (m); None is that frame's origin, which is held against boxes only.
-    `margin` (m) must be left; spheres of the pairs of links in `ignore` are not held against each other, those of
-    neighbours never.
-    """
+    """The block `safety` of a recipe: forbidden space and the arm's own extent."""
 
     boxes: tuple[Box, ...] = ()
-    spheres: tuple[Sphere, ...] = ()
-    tool: Point | None = None
-    margin: float = 0.02
-    ignore: tuple[tuple[int, int], ...] = ()
+    spheres: tuple[Sphere, ...] = ()  # those of neighbouring links are never held against each other
+    tool: Point | None = None  # m, the tip in the last link's frame; None: its origin, held against boxes only
+    margin: float = 0.02  # m that must be left
+    ignore: tuple[tuple[int, int], ...] = ()  # pairs of links whose spheres are not held against each other
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """The arm: joints base to tip, gravity in base axes (3,) m/s2, log format, effects switched on.
-
-    `origin` is the recipe's file name and `digest` its SHA-256, both empty when the robot was made in memory;
-    `effect_lines` are the recipe's lines on which its effects stand. `coupling` holds, by (I, J) with J < I from 1, how
-    many turns the motor of joint I makes for a turn of joint J's motor while joint I stands; every joint in it has a
-    gear ratio. `safety` is what the arm must not touch.
-    """
+    """The arm as its recipe states it."""
 
     name: str
-    joints: tuple[Joint, ...]
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    joints: tuple[Joint, ...]  # base to tip
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)  # m/s2, in base axes
     log: LogFormat = field(default_factory=LogFormat)
-    effects: tuple[EffectChoice, ...] = ()
-    origin: str = ""
-    digest: str = ""
-    effect_lines: tuple[int | None, ...] = ()
-    safety: Safety | None = None
+    effects: tuple[EffectChoice, ...] = ()  # that are switched on
+    origin: str = ""  # the recipe's file name; empty where the robot was made in memory, like the digest
+    digest: str = ""  # SHA-256 of the recipe
+    effect_lines: tuple[int | None, ...] = ()  # of the recipe, on which its effects stand
+    safety: Safety | None = None  # what the arm must not touch
+    # By (I, J), J < I from 1: turns of joint I's motor for a turn of J's while joint I stands; both have gear ratios.
     coupling: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def joint(self, number: int) -> Joint:
@@ -190,13 +172,26 @@ class Robot:
         """(N, J) velocities that drive each motor's friction, in units of its joint, for (N, J) joint velocities."""
         return velocity @ self.shaft_speeds.T if self.coupling else velocity
 
-    def rotations(self, position: Floats) -> Floats:
-        """(N, J, 3, 3) from every link frame to the base, for (N, J) measured positions."""
-        return rotations(self.placements, np.where(self.is_revolute, position, 0.0))
+    def rotations(self, position: ArrayLike) -> Floats:
+        """(N, J, 3, 3) from every link frame to the base, for (N, J) measured positions; ``[:, i, :, 2]`` are axes."""
+        angles = np.where(self.is_revolute, np.atleast_2d(np.asarray(position, dtype=float)), 0.0)
+        cosines, sines = np.cos(angles), np.sin(angles)
+        out = np.empty((*angles.shape, 3, 3))
+        x, y, z = np.broadcast_to(np.eye(3)[:, None], (3, len(angles), 3))
+        for joint, turn in enumerate(self.placements[:, :3, :3]):
+            x, y, z = (turn[0, k] * x + turn[1, k] * y + turn[2, k] * z for k in range(3))
+            c, s = cosines[:, joint, None], sines[:, joint, None]
+            x, y = c * x + s * y, c * y - s * x
+            out[:, joint, :, 0], out[:, joint, :, 1], out[:, joint, :, 2] = x, y, z
+        return out
 
-    def frames(self, position: Floats) -> tuple[Floats, Floats]:
+    def frames(self, position: ArrayLike) -> tuple[Floats, Floats]:
         """Rotations (N, J, 3, 3) of all link frames and their origins (N, J, 3) in base axes, m."""
-        return frames(self.placements, position, self.is_revolute)
+        q, placements, out = np.atleast_2d(np.asarray(position, dtype=float)), self.placements, self.rotations(position)
+        steps = out[..., 2] * np.where(self.is_revolute, 0.0, q)[..., None]
+        steps[:, 0] += placements[0, :3, 3]
+        steps[:, 1:] += np.einsum("njab,jb->nja", out[:, :-1], placements[1:, :3, 3])
+        return out, np.cumsum(steps, axis=1)
 
     def displacements(self, position: Floats) -> Floats:
         """(N, J) m along each z, for (N, J) measured positions: the lever arms of what slides."""
@@ -209,38 +204,3 @@ def _placements(joints: tuple[Joint, ...]) -> Floats:
     out = np.array([joint.frame for joint in joints])
     out.setflags(write=False)
     return out
-
-
-def rotations(placements: Floats, angles: ArrayLike) -> Floats:
-    """Rotations (N, J, 3, 3) from every link frame to the base; ``[:, i, :, 2]`` is the axis of joint i+1.
-
-    Parameters
-    ----------
-    placements
-        (J, 4, 4) each joint's frame at zero in that of the joint before.
-    angles
-        (N, J) rad by which the joints turn about their z; zero of those that slide.
-    """
-    q = np.atleast_2d(np.asarray(angles, dtype=float))
-    cosines, sines = np.cos(q), np.sin(q)
-    out = np.empty((*q.shape, 3, 3))
-    x, y, z = np.broadcast_to(np.eye(3)[:, None], (3, len(q), 3))
-    for joint, turn in enumerate(placements[:, :3, :3]):
-        x, y, z = (turn[0, k] * x + turn[1, k] * y + turn[2, k] * z for k in range(3))
-        c, s = cosines[:, joint, None], sines[:, joint, None]
-        x, y = c * x + s * y, c * y - s * x
-        out[:, joint, :, 0], out[:, joint, :, 1], out[:, joint, :, 2] = x, y, z
-    return out
-
-
-def frames(placements: Floats, position: ArrayLike, turns: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Rotations (N, J, 3, 3) of every link frame to the base, and its origin (N, J, 3) in base axes (m).
-
-    The joints that do not turn slide along their z; `position` (N, J) is in rad or m, `placements` as for `rotations`.
-    """
-    q = np.atleast_2d(np.asarray(position, dtype=float))
-    out = rotations(placements, np.where(turns, q, 0.0))
-    steps = out[..., 2] * np.where(turns, 0.0, q)[..., None]
-    steps[:, 0] += placements[0, :3, 3]
-    steps[:, 1:] += np.einsum("njab,jb->nja", out[:, :-1], placements[1:, :3, 3])
-    return out, np.cumsum(steps, axis=1)

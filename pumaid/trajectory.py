@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def accelerations(robot: Robot) -> Floats:
     return highest_speeds(robot) / RAMP_TIME
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Trapezoid:
     """All joints from `start` to `end` together, straight in joint space, by one trapezoid of speed."""
 
@@ -125,17 +126,17 @@ class Trapezoid:
     motion: Motion | None  # the run of the plan; None for a move between postures
     number: int  # of the run, from 1, or of the run to which a move leads
 
-    @property
+    @cached_property
     def way(self) -> float:
         """How far the joint goes that goes farthest, rad or m."""
         return float(np.max(np.abs(self.end - self.start)))
 
-    @property
+    @cached_property
     def peak(self) -> float:
         """The speed that it reaches: less than `speed` on a short way."""
         return float(min(self.speed, np.sqrt(self.acceleration * self.way)))
 
-    @property
+    @cached_property
     def ramp(self) -> float:
         """s in which the speed rises to its peak, and in which it falls to zero."""
         return self.peak / self.acceleration
