@@ -24,7 +24,7 @@ from pumaid.design.exchange import (
     continuous_design,
     rounded,
 )
-from pumaid.design.information import CandidateInformation, candidate_information, existing_names, gravity_slopes
+from pumaid.design.information import CandidateInformation, candidate_information, existing_names
 from pumaid.design.prior import Setup, prior_robots
 from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
@@ -53,13 +53,13 @@ _WORTH = 0.6
 _FITTINGS, _FULL = 5, 0.98
 #: Share of an even plan's information on top of which postures of the coverage are compared.
 _BACKGROUND = 0.5
-#: Random postures a joint, of a joint whose runs no posture changes, and how many remain after the first look.
-_DRAWN, _DRAWN_IDLE, _SHORTLIST = 120, 12, 15
-#: Shares of the top speed of the first look, its steps, and its time a joint (s).
-_LOOK, _LOOK_STEPS, _LOOK_SECONDS = (0.05, 1.0), 40, 120.0
+#: Random postures a joint, and how many times that are drawn where the recipe forbids some.
+_DRAWN, _MORE = 20, 4
 #: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost. Parameters
 #: that are named of a posture, at most.
 _SERVES, _LOST, _NAMED = 1.15, 1e3, 3
+#: Information on gravity below this is rounding.
+_CARRIES = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,16 +116,19 @@ class Planner:
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
         shares = sorted(request.shares or SHARES)
-        # Runs for judging have speeds that no fitted run has.
-        between = (math.sqrt(shares[0] * shares[1]), math.sqrt(shares[-2] * shares[-1]))
         blocks, self.judging = list[Block](), list[Block]()
-        for joint, holds in self._shortlist(rng).items():
-            judged = self._blocks(joint, holds[:POSTURES:-1] if len(holds) > POSTURES + 1 else holds, between)
-            for chosen in judged[:1]:
-                ways = {block.sweeps[0].speed: block.sweeps[0] for block in judged[::-1] if block.hold == chosen.hold}
-                self.judging.append(Block(chosen.hold, tuple(ways.values()), "heldout"))
-                holds = holds[np.any(holds != chosen.hold, axis=1)] if len(holds) > POSTURES + 1 else holds
-            blocks += self._blocks(joint, holds, shares)
+        for joint in range(1, self.robot.n_joints + 1):
+            parts = self._free(joint, shares, rng)
+            # Runs for judging have speeds, and where there are enough a posture, that no fitted run has.
+            between = (math.sqrt(shares[0] * shares[1]), math.sqrt(shares[-2] * shares[-1]))
+            holds = np.array([part[0].hold for part in parts[POSTURES:] or parts])
+            ways = sweeps(self.robot, joint, speeds(self.robot, joint, between))
+            if judged := free_blocks(self.collision, holds, ways):
+                hold = judged[-1].hold
+                chosen = {block.sweeps[0].speed: block.sweeps[0] for block in judged[::-1] if block.hold == hold}
+                self.judging.append(Block(hold, tuple(chosen.values()), "heldout"))
+                parts = [part for part in parts if part[0].hold != hold or len(parts) <= POSTURES]
+            blocks += [block for part in parts for block in part]
         self.candidates = candidate_information(self.truths, blocks, names=self.names)
         pace = MOVE_SHARE * highest_speeds(self.robot)
         away = np.abs(np.array([block.hold for block in blocks]) - home(self.robot)) / pace
@@ -185,39 +188,19 @@ class Planner:
         errors = np.log([promised[name] for name in counted]) - np.log(self.sizes[self.criterion.counted])
         return float(np.exp(bound - errors.mean()))
 
-    def _blocks(self, joint: int, holds: Floats, shares: Sequence[float]) -> list[Block]:
-        return free_blocks(self.collision, holds, sweeps(self.robot, joint, speeds(self.robot, joint, shares)))
-
-    def _shortlist(self, rng: np.random.Generator) -> dict[int, Floats]:
-        """Postures (K, J) by joint on which the continuous optimum, with few sweeps, would spend its time."""
-        blocks, joints = list[Block](), range(1, self.robot.n_joints + 1)
-        for joint in joints:
-            blocks += self._extremes(joint, rng)
-        table = candidate_information(self.truths, blocks, names=self.names)
-        criterion = Criterion(0.0, np.ones(len(table.names)), np.ones(len(table.names), dtype=bool))
-        optimum = continuous_design(table, criterion, _LOOK_SECONDS * self.robot.n_joints, steps=_LOOK_STEPS)
-        spent = rounded(np.bincount(table.posture, optimum.counts * table.seconds).astype(float))
-        _, first = np.unique(table.posture, return_index=True)
-        out = {}
-        for joint in joints:
-            places = [k for k, row in enumerate(first) if blocks[row].joint == joint]
-            places.sort(key=lambda place: -spent[place])
-            count = max(_SHORTLIST, (self.request.postures or 0) + 1)
-            out[joint] = np.array([blocks[first[place]].hold for place in places[:count]])
-        return out
-
-    def _extremes(self, joint: int, rng: np.random.Generator) -> list[Block]:
-        """The slowest part and the fastest tour of a joint in many postures."""
-        matter = self._that_matter(joint, rng)
-        varied = matter or list(range(1, self.robot.n_joints + 1))
-        holds = postures(self.robot, joint, varied=varied, count=_DRAWN if matter else _DRAWN_IDLE, rng=rng)
-        ways = sweeps(self.robot, joint, speeds(self.robot, joint, _LOOK))
-        ways = tuple(dict.fromkeys((ways[0], ways[-1])))
-        if blocks := free_blocks(self.collision, holds, ways):
-            return blocks
-        moving = np.arange(self.robot.n_joints) == joint - 1
+    def _free(self, joint: int, shares: Sequence[float], rng: np.random.Generator) -> list[list[Block]]:
+        """Candidates of a joint in each of many postures in which it can run."""
+        count, robot = max(_DRAWN, (self.request.postures or 0) + 1), self.robot
+        varied = list(range(1, robot.n_joints + 1))
+        drawn = count if self.collision.is_free else _MORE * count
+        holds = postures(robot, joint, varied=varied, count=drawn, rng=rng)
+        ways = sweeps(robot, joint, speeds(robot, joint, shares))
+        parts = [free_blocks(self.collision, hold[None], ways) for hold in holds]
+        if free := [part for part in parts if part]:
+            return free[:count]
+        moving, name = np.arange(robot.n_joints) == joint - 1, robot.joint(joint).name
         start, end = (np.where(moving, place, holds[0]) for place in (ways[0].low, ways[0].high))
-        hit, name = self.collision.first_hit(start, end), self.robot.joint(joint).name
+        hit = self.collision.first_hit(start, end)
         why = "" if hit is None else f"; at home: {hit}"
         raise ModelError(
             "plan-unsafe",
@@ -225,17 +208,6 @@ class Planner:
             Where(joint=joint),
             "widen the limits, or correct the recipe's boxes and spheres",
         )
-
-    def _that_matter(self, joint: int, rng: np.random.Generator) -> list[int]:
-        """Other joints (from 1) whose position changes what a joint's runs tell."""
-        n = self.robot.n_joints
-        holds = rng.uniform(-1.0, 1.0, (12, n)) * np.where(self.robot.is_revolute, np.pi, 0.5)
-        turned = np.concatenate([holds, *(holds + 0.7 * np.eye(n)[other] for other in range(n))])
-        slopes = gravity_slopes(self.truths[:1], joint=joint, holds=turned, names=self.names)[0]
-        before, *after = np.split(slopes, n + 1)
-        least = 1e-9 * np.max(np.abs(before), initial=1e-300)
-        change = [np.max(np.abs(part - before), initial=0.0) for part in after]
-        return [other for other in range(1, n + 1) if other != joint and change[other - 1] > least]
 
     def _optimum(self, budget: float) -> ContinuousDesign:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
@@ -354,8 +326,8 @@ class Planner:
         for joint in self.robot.joints:
             label = f"joint {joint.number} ({joint.name})"
             numbers = [k for k in np.flatnonzero(counts) if candidates.blocks[k].joint == joint.number]
-            holds = np.array([candidates.blocks[k].hold for k in numbers])
-            slopes = gravity_slopes(self.truths, joint=joint.number, holds=holds, names=self.names)
+            shown = candidates.information(np.isin(np.arange(len(counts)), numbers).astype(float))[:, : len(self.names)]
+            carries = bool(np.any(shown[..., : len(self.names)] > _CARRIES))
             for posture in np.unique(candidates.posture[numbers]):
                 rest = np.where(candidates.posture == posture, 0, counts)
                 errors = self.criterion.errors(candidates.information(rest))
@@ -364,7 +336,7 @@ class Planner:
                 rises = sorted(rises, key=lambda item: (-round(item[1], 6), item[0]))[:_NAMED]
                 why = f"{label} carries no weight that can be told from friction: its runs are for friction"
                 hold = candidates.blocks[int(np.flatnonzero(candidates.posture == posture)[0])].hold
-                why = _loss(dict(rises)) if np.any(np.abs(slopes) > 1e-9) else why
+                why = _loss(dict(rises)) if carries else why
                 out.append(Posture(joint.number, hold, tuple(name for name, _ in rises), why))
             why = f"{label} is judged here, at speeds that no fit uses"
             out += [Posture(joint.number, block.hold, (), why) for block in self.judging if block.joint == joint.number]
