@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,23 +62,23 @@ def urscript(plan: Plan, robot: Robot) -> str:
         mend = "use the form ros2, yaml or csv for this arm"
         raise ModelError("program-other-robot", what, Where(file=robot.origin or None), mend)
     lines: list[str] = []
+
+    def move(position: Floats, acceleration: float, speed: float) -> None:
+        listed = ", ".join(f"{value + 0.0:.7f}" for value in position)
+        lines.append(f"movej([{listed}], a={acceleration:.6f}, v={speed:.6f})")
+
     for step in trapezoids(robot, plan):
         if not lines:
-            lines.append(_movej(step.start, _APPROACH_RAMP, _APPROACH))
-        if step.motion is not None:
-            lines += [f"sleep({REST})", f"# {_comment(step.motion, robot)}", f'textmsg("pumaid run ", {step.number})']
-        lines.append(_movej(step.end, step.acceleration, step.speed))
-        if step.motion is not None:
-            lines.append(f"sleep({REST})")
-    lines.append('textmsg("pumaid plan done")')
-    body = "\n".join(f"  {line}" for line in lines)
+            move(step.start, _APPROACH_RAMP, _APPROACH)
+        if step.motion is None:
+            move(step.end, step.acceleration, step.speed)
+            continue
+        lines += [f"sleep({REST})", f"# {_comment(step.motion, robot)}", f'textmsg("pumaid run ", {step.number})']
+        move(step.end, step.acceleration, step.speed)
+        lines.append(f"sleep({REST})")
+    body = "\n".join(f"  {line}" for line in [*lines, 'textmsg("pumaid plan done")'])
     minutes = duration(robot, plan) / 60.0
     return _URSCRIPT.format(count=len(plan.motions), name=robot.name, minutes=minutes, version=__version__, body=body)
-
-
-def _movej(position: Iterable[float], acceleration: float, speed: float) -> str:
-    listed = ", ".join(f"{value + 0.0:.7f}" for value in position)
-    return f"movej([{listed}], a={acceleration:.6f}, v={speed:.6f})"
 
 
 def ros2_trajectory(plan: Plan, robot: Robot) -> str:
@@ -92,42 +92,42 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
     trajectory_msgs/msg/JointTrajectory and JointTrajectoryPoint (docs.ros.org); interpolation: the documentation of
     joint_trajectory_controller (control.ros.org).
     """
-    points = "".join(f"\n{line}" for line in _points(plan, robot)) or " []"
-    joints = ", ".join(json.dumps(joint.name) for joint in robot.joints)
-    return _ROS2.format(
-        count=len(plan.motions), name=robot.name, version=__version__, lead=LEAD_IN, joints=joints, points=points
-    )
+    still, clock, lines = np.zeros(robot.n_joints), LEAD_IN, list[str]()
 
+    def point(time: float, position: Floats, velocity: Floats) -> None:
+        seconds, nanoseconds = divmod(round(1e9 * time), 10**9)
+        lines.append(
+            f"- {{positions: {_listed(position)}, velocities: {_listed(velocity)}, accelerations: {_listed(still)},"
+            f" time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
+        )
 
-def _points(plan: Plan, robot: Robot) -> Iterator[str]:
-    still, clock = np.zeros(robot.n_joints), LEAD_IN
-    for number, step in enumerate(trapezoids(robot, plan)):
-        if number == 0:
-            yield _point(clock, step.start, still)
+    for step in trapezoids(robot, plan):
+        if not lines:
+            point(clock, step.start, still)
         if step.motion is not None:
-            clock += REST
-            yield f"# run {step.number}: {_comment(step.motion, robot)}"
-            yield _point(clock, step.start, still)
+            lines.append(f"# run {step.number}: {_comment(step.motion, robot)}")
+            point(clock + REST, step.start, still)
+        clock += step.lead
         ends = np.array([step.ramp, step.duration - step.ramp, step.duration])
         times = ends if ends[1] - ends[0] > 1e-9 else ends[[0, 2]]
         for time, position, velocity in zip(times.tolist(), *step.at(times), strict=True):
-            yield _point(clock + time, position, velocity)
+            point(clock + time, position, velocity)
         clock += step.duration
         if step.motion is not None:
             clock += REST
-            yield _point(clock, step.end, still)
-
-
-def _point(time: float, position: Floats, velocity: Floats) -> str:
-    seconds, nanoseconds = divmod(round(1e9 * time), 10**9)
-    return (
-        f"- {{positions: {_listed(position)}, velocities: {_listed(velocity)},"
-        f" accelerations: {_listed(np.zeros(len(position)))},"
-        f" time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
+            point(clock, step.end, still)
+    joints, points = ", ".join(json.dumps(joint.name) for joint in robot.joints), "".join(f"\n{x}" for x in lines)
+    return _ROS2.format(
+        count=len(plan.motions),
+        name=robot.name,
+        version=__version__,
+        lead=LEAD_IN,
+        joints=joints,
+        points=points or " []",
     )
 
 
-def _listed(values: Iterable[float]) -> str:
+def _listed(values: Floats) -> str:
     """With a point and no exponent: YAML 1.1 would read 1 as an integer and 1e-9 as text."""
     decimals = [f"{round(value, 9) + 0.0:.9f}".rstrip("0") for value in values]
     return "[" + ", ".join(text + "0" if text.endswith(".") else text for text in decimals) + "]"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError, Where
 from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, added, values_of
-from pumaid.simulation.virtual_robot import Truth, lengthwise
+from pumaid.simulation.virtual_robot import Truth, lengthwise, side_load
 from pumaid.trajectory import accelerations
 
 Floats = NDArray[np.float64]
@@ -69,21 +69,16 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
             f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{_text([armature[k]])}"{friction}/>',
         ]
     body = "\n".join([*lines, *["</body>"] * truth.robot.n_joints])
+    shafts = []  # of coupled motors, with the friction that acts on them; the inertia of rotors stays at their joints
+    for k, row in enumerate(truth.robot.shaft_speeds if coupled else ()):
+        turned = "".join(f'<joint joint="joint{j + 1}" coef="{_text([row[j]])}"/>' for j in np.flatnonzero(row))
+        shafts.append(f'<fixed name="shaft{k + 1}" frictionloss="{_text([dry[k]])}" {held_by}>{turned}</fixed>')
     return (
         f'<mujoco model="arm">\n<compiler angle="radian" autolimits="false"/>\n'
         f'<option timestep="{_text([step])}" gravity="{_text(gravity)}" integrator="implicitfast"'
         f' iterations="50" tolerance="1e-12"><flag autoreset="disable"/></option>\n<worldbody>\n{body}\n</worldbody>\n'
-        f"{_tendons(truth, dry, held_by) if coupled else ''}</mujoco>\n"
+        f"<tendon>{''.join(shafts)}</tendon>\n</mujoco>\n"
     )
-
-
-def _tendons(truth: Truth, dry: Floats, held_by: str) -> str:
-    """Shafts of coupled motors, with the friction that acts on them; the inertia of rotors stays at their joints."""
-    lines = []
-    for k, row in enumerate(truth.robot.shaft_speeds):
-        turned = "".join(f'<joint joint="joint{j + 1}" coef="{_text([row[j]])}"/>' for j in np.flatnonzero(row))
-        lines.append(f'<fixed name="shaft{k + 1}" frictionloss="{_text([dry[k]])}" {held_by}>{turned}</fixed>')
-    return "<tendon>\n" + "\n".join(lines) + "\n</tendon>\n"
 
 
 def _tensors(truth: Truth) -> Floats:
@@ -224,18 +219,12 @@ class RigidArm:
         if self._needs_friction:
             state.friction = self.truth.friction.currents(state.velocity)
         if self._needs_across:
-            state.across = self._across()
+            arm = replace(self.truth.robot, gravity=self.truth.gravity())
+            state.across = side_load(arm, self.truth.links, self._position[None])[0] * np.abs(self._gain)
 
     def _hidden(self, kind: Kind) -> Floats:
         """(J,) A of hidden friction (its size) or of hidden loads."""
         return np.array([added(self._acting, joint, kind) for joint in self._joints])
-
-    def _across(self) -> Floats:
-        """(J,) A: what the weight's moment across each turning joint's axis would draw if it lay along it."""
-        data, bodies = self.data, slice(1, len(self._gain) + 1)
-        weight = self.model.body_subtreemass[bodies, None] * self.model.opt.gravity
-        moment = np.cross(data.subtree_com[bodies] - data.xanchor, weight)
-        return np.linalg.norm(np.cross(data.xaxis, moment), axis=1) * np.abs(self._gain) * self.truth.robot.is_revolute
 
     def inertia(self, position: Floats) -> Floats:
         """(J, J) kg m2 (kg, kg m): mass matrix at `position` (J,), motors' inertia included."""

@@ -39,34 +39,32 @@ def draw(robot: Robot, seed: int) -> Truth:
     arms whatever the arm's size; some motors count their current against the joint's direction.
     """
     rng, sticking = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 1, 1])
-    links = _links(robot, rng)
+    n, along = robot.n_joints, lengthwise(robot)
+    length = np.linalg.norm(along, axis=1)
+    shortest = _SHORTEST * (np.sum(length) or 1.0)
+    mass = _LINK_DENSITY * np.maximum(length, shortest) * _TAPER ** np.arange(n) * rng.uniform(0.8, 1.25, n)
+    across = shortest * rng.uniform(0.15, 0.6, (n, 3)) * rng.choice([-1.0, 1.0], (n, 3))
+    links = Links(_shortened(mass), _shortened(along * rng.uniform(0.3, 0.6, (n, 1)) + across))
     capacity = _capacity(robot, links, rng)
-    sign = np.where(rng.random(robot.n_joints) < 0.25, -1.0, 1.0)
-    gain = _shortened(sign * rng.uniform(*_RATED, robot.n_joints) / capacity)
+    sign = np.where(rng.random(n) < 0.25, -1.0, 1.0)
+    gain = _shortened(sign * rng.uniform(*_RATED, n) / capacity)
     gears = np.array([joint.gear_ratio or _GEAR for joint in robot.joints])
     counts = np.where(robot.is_revolute, _COUNTS * np.abs(gears) / (2 * np.pi), _COUNTS_PER_METRE)
-    std = _NOISE * rng.uniform(0.7, 1.3, robot.n_joints)
+    std = _NOISE * rng.uniform(0.7, 1.3, n)
+    # Coulomb friction of 0.25 to 0.7 A and as much viscous current at the highest speed, each direction its own.
+    coulomb = rng.uniform(0.25, 0.7, n)
+    viscous = rng.uniform(0.25, 0.8, n) * coulomb / highest_speeds(robot)
+    uneven = rng.uniform(0.8, 1.2, (4, n))
     return Truth(
         robot=robot,
-        friction=_friction(robot, sign, rng),
+        friction=Friction(*(sign * uneven * [coulomb, -coulomb, viscous, viscous])),
         noise=Noise(std, current_step=_CURRENT_STEP, counts=np.asarray(np.round(counts), dtype=float)),
         links=links,
         gain=gain,
-        inertia=sign * rng.uniform(0.3, 0.8, robot.n_joints) / accelerations(robot),
+        inertia=sign * rng.uniform(0.3, 0.8, n) / accelerations(robot),
         seed=seed,
-        breakaway=_shortened(sticking.uniform(*_BREAKAWAY, robot.n_joints)),
+        breakaway=_shortened(sticking.uniform(*_BREAKAWAY, n)),
     )
-
-
-def _links(robot: Robot, rng: np.random.Generator) -> Links:
-    n = robot.n_joints
-    along = lengthwise(robot)
-    length = np.linalg.norm(along, axis=1)
-    shortest = _SHORTEST * (np.sum(length) or 1.0)
-    size = np.maximum(length, shortest)
-    mass = _LINK_DENSITY * size * _TAPER ** np.arange(n) * rng.uniform(0.8, 1.25, n)
-    across = shortest * rng.uniform(0.15, 0.6, (n, 3)) * rng.choice([-1.0, 1.0], (n, 3))
-    return Links(_shortened(mass), _shortened(along * rng.uniform(0.3, 0.6, (n, 1)) + across))
 
 
 def _shortened(values: Floats) -> Floats:
@@ -89,12 +87,3 @@ def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
         largest = np.max(load[kinds == kind])
         load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
     return load * rng.uniform(1.3, 2.2, robot.n_joints)
-
-
-def _friction(robot: Robot, sign: Floats, rng: np.random.Generator) -> Friction:
-    """Coulomb 0.25..0.7 A and as much viscous current at the highest speed, each direction its own."""
-    n = robot.n_joints
-    coulomb = rng.uniform(0.25, 0.7, n)
-    viscous = rng.uniform(0.25, 0.8, n) * coulomb / highest_speeds(robot)
-    uneven = rng.uniform(0.8, 1.2, (4, n))
-    return Friction(*(sign * uneven * [coulomb, -coulomb, viscous, viscous]))
