@@ -105,9 +105,8 @@ def span(joint: Joint) -> tuple[float, float]:
 
 def highest_speeds(robot: Robot) -> Floats:
     """(J,) highest speed, rad/s or m/s: the recipe's, or a usual one where the recipe states none."""
-    usual = np.where(robot.is_revolute, TURNING_SPEED, SLIDING_SPEED)
-    given = [np.nan if joint.max_velocity is None else joint.max_velocity for joint in robot.joints]
-    return np.where(np.isnan(given), usual, given)
+    usual = {True: TURNING_SPEED, False: SLIDING_SPEED}
+    return np.array([joint.max_velocity or usual[joint.is_revolute] for joint in robot.joints])
 
 
 def accelerations(robot: Robot) -> Floats:
@@ -185,11 +184,14 @@ def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | 
 
 def trapezoids(robot: Robot, plan: Plan) -> Iterator[Trapezoid]:
     """The plan's moves and runs in the order of their execution; the arm begins in the first run's posture."""
-    now: Floats | None = None
+    now, highest, rising = None, MOVE_SHARE * highest_speeds(robot), accelerations(robot)
     for number, motion in enumerate(plan.motions, start=1):
         run = run_trapezoid(robot, motion, number)
-        if now is not None and np.max(np.abs(run.start - now)) > 1e-9:
-            yield move_trapezoid(robot, now, run.start, number=number)
+        way = np.abs(run.start - (run.start if now is None else now))
+        if now is not None and np.max(way) > 1e-9:
+            # As fast as the slowest joint allows when all arrive together.
+            share = np.maximum(way / way.max(), 1e-12)
+            yield Trapezoid(now, run.start, float(np.min(highest / share)), float(np.min(rising / share)), None, number)
         yield run
         now = run.end
 
@@ -202,16 +204,6 @@ def run_trapezoid(robot: Robot, motion: Motion, number: int = 1) -> Trapezoid:
     start[j], end[j] = motion.start, motion.end
     ramp = max(float(accelerations(robot)[j]), motion.velocity / RAMP_TIME)
     return Trapezoid(start, end, motion.velocity, ramp, motion, number)
-
-
-def move_trapezoid(robot: Robot, start: Floats, end: Floats, *, number: int) -> Trapezoid:
-    """As fast as the slowest joint allows when all arrive together."""
-    way = np.abs(end - start)
-    share = way / way.max()
-    moved = share > 1e-12
-    speed = np.min(MOVE_SHARE * highest_speeds(robot)[moved] / share[moved])
-    acceleration = np.min(accelerations(robot)[moved] / share[moved])
-    return Trapezoid(start, end, float(speed), float(acceleration), None, number)
 
 
 def duration(robot: Robot, plan: Plan) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from pumaid.design.candidate_runs import free_blocks, postures, speeds, sweeps
 from pumaid.design.collision import Collision
 from pumaid.design.information import CandidateInformation, candidate_information, existing_names
-from pumaid.design.prior import Prior, random_robots
+from pumaid.design.prior import Prior, Setup, prior_robots
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
@@ -28,7 +28,7 @@ def arm(name: str) -> Robot:
 @cache
 def prior(name: str, seed: int = 1) -> Prior:
     """Robots drawn from a shipped recipe."""
-    return random_robots(arm(name), seed)
+    return prior_robots(arm(name), estimate=None, setup=Setup(), seed=seed)
 
 
 def names(robot: Robot) -> tuple[str, ...]:

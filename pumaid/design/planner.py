@@ -148,8 +148,7 @@ class Planner:
         """
         self.tell("choosing runs")
         coverages, request = self._coverages(), self.request
-        is_asked = request.postures is not None or request.passes is not None or request.shares is not None
-        usual = coverages[0 if is_asked else 1]
+        usual = coverages[1]
         budget = request.seconds or max(
             _USUAL * self.robot.n_joints, usual.rounds * self._seconds(self._cover(usual)) / usual.share
         )
@@ -329,25 +328,20 @@ class Planner:
             shown = candidates.information(np.isin(np.arange(len(counts)), numbers).astype(float))[:, : len(self.names)]
             carries = bool(np.any(shown[..., : len(self.names)] > _CARRIES))
             for posture in np.unique(candidates.posture[numbers]):
-                rest = np.where(candidates.posture == posture, 0, counts)
-                errors = self.criterion.errors(candidates.information(rest))
+                is_here = candidates.posture == posture
+                errors = self.criterion.errors(candidates.information(np.where(is_here, 0, counts)))
                 growth = np.median(errors / before, axis=0)[: len(self.names)].tolist()
-                rises = [(name, rise) for name, rise in zip(self.names, growth, strict=True) if rise >= _SERVES]
-                rises = sorted(rises, key=lambda item: (-round(item[1], 6), item[0]))[:_NAMED]
-                why = f"{label} carries no weight that can be told from friction: its runs are for friction"
-                hold = candidates.blocks[int(np.flatnonzero(candidates.posture == posture)[0])].hold
-                why = _loss(dict(rises)) if carries else why
-                out.append(Posture(joint.number, hold, tuple(name for name, _ in rises), why))
+                rises = [(-round(rise, 6), name) for name, rise in zip(self.names, growth, strict=True)]
+                rises = [(rise, name) for rise, name in sorted(rises)[:_NAMED] if -rise >= _SERVES]
+                parts = [f"{name} {-rise:.2g} times as large" for rise, name in rises if -rise < _LOST]
+                parts = [f"{name} without end" for rise, name in rises if -rise >= _LOST] + parts
+                why = f"without it the error of {', '.join(parts)}"
+                if not parts:
+                    why = "adds a load that differs from that of the other postures"
+                if not carries:
+                    why = f"{label} carries no weight that can be told from friction: its runs are for friction"
+                hold = candidates.blocks[int(np.argmax(is_here))].hold
+                out.append(Posture(joint.number, hold, tuple(name for _, name in rises), why))
             why = f"{label} is judged here, at speeds that no fit uses"
             out += [Posture(joint.number, block.hold, (), why) for block in self.judging if block.joint == joint.number]
         return tuple(out)
-
-
-def _loss(rises: dict[str, float]) -> str:
-    """Which parameters would be lost without a posture, and by which factor the error of others would grow."""
-    parts = []
-    if lost := [name for name, growth in rises.items() if growth >= _LOST]:
-        parts.append(f"without it {', '.join(lost)} could not be identified")
-    if worse := [f"{name} {growth:.2g} times" for name, growth in rises.items() if growth < _LOST]:
-        parts.append(f"without it the error of {', '.join(worse)} as large")
-    return "; ".join(parts) or "adds a load that differs from that of the other postures"

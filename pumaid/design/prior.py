@@ -107,18 +107,16 @@ class Prior:
 
 def prior_robots(robot: Robot, *, estimate: Estimate | None, setup: Setup, seed: int) -> Prior:
     """Robots to plan for, with the payload of `setup`: that of an earlier model, else several of the arm's geometry."""
-    prior = random_robots(robot, seed) if estimate is None else robot_of_estimate(robot, estimate)
+    if estimate is not None:
+        prior = robot_of_estimate(robot, estimate)
+    else:
+        noise, seeds = Noise(np.full(robot.n_joints, NOISE)), [1000 * seed + k for k in range(DRAWN)]
+        sentences = (
+            f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
+            f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
+        )
+        prior = Prior(tuple(replace(draw(robot, number), noise=noise) for number in seeds), sentences)
     return replace(prior, robots=tuple(setup.loaded(truth) for truth in prior.robots))
-
-
-def random_robots(robot: Robot, seed: int) -> Prior:
-    """Robots of this geometry with masses, gains and friction drawn from the seed."""
-    noise = Noise(np.full(robot.n_joints, NOISE))
-    sentences = (
-        f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
-        f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
-    )
-    return Prior(tuple(replace(draw(robot, 1000 * seed + k), noise=noise) for k in range(DRAWN)), sentences)
 
 
 def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
