@@ -8,18 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
 from pumaid.robot import Joint, Robot
 from pumaid.units import UNITS, factor, number
 
-Floats = NDArray[np.float64]
 #: What a test yields: figures of the message, and `joint` (from 1) where it is one joint's, `fault` where not the rule.
 Found = Iterator[dict[str, Any]]
 
@@ -89,6 +87,90 @@ def findings(sums: LogStatistics) -> list[LogError | Note]:
     return items
 
 
+class JointSignals:
+    """One joint's statistics (each by its name), and what predicates and messages make of them."""
+
+    def __init__(self, sums: LogStatistics, joint: Joint) -> None:
+        k, n = joint.number - 1, sums.robot.n_joints
+        self.sums, self.joint, self.k = sums, joint, k
+        self.low, self.high = joint.limits or (-math.inf, math.inf)
+        self.span = f"{number(self.lowest)} to {number(self.highest)} {joint.position_unit}"
+        self.limits = f"{number(self.low)} to {number(self.high)}"
+        self.has_moved = bool(self.path > MOVED)
+        self.speed = math.sqrt(self.speed_squares / max(self.seconds, 1e-12))
+        self.integral, self.match = sums.products[n + k, n + k], np.abs(sums.agreement()[k])
+        self.agrees = float(self.match[k])  # correlation of displacement and velocity column
+        #: Displacement per integrated velocity, NaN where the joint did not move or they do not belong together.
+        is_known = self.agrees > AGREES and self.path > 0
+        self.ratio = float(sums.products[k, n + k] / self.integral) if is_known else math.nan
+        self.is_off = (self.has_moved or self.integral > (MOVED * WINDOW) ** 2) and abs(self.ratio - 1.0) >= RATIO_FINE
+        self.is_constant = self.least_current == self.most_current and self.moving >= FLAT_COUNT
+        self.is_measured = self.has_moved and self.moving > 0 and not self.is_constant
+        self.largest = max(-self.least_current, self.most_current)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.sums, name)[self.k]
+
+    def outside(self, scale: float = 1.0) -> float:
+        """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
+        return float(max(self.low - scale * self.lowest, scale * self.highest - self.high)) / (self.high - self.low)
+
+    def unit_changes(self) -> tuple[list[str], list[str]]:
+        """Single changes of unit that bring the ratio to one: of position or time, and of the velocity column."""
+        prefix, usual = ("", "rad") if self.joint.is_revolute else ("prismatic_", "m")
+
+        def changes(key: str, usual: str, power: int) -> list[str]:
+            robot, size = self.sums.robot, abs(self.ratio) if self.is_off else math.nan
+            return _other_units(robot, key, usual, lambda scale: abs(size * scale**power - 1.0) < UNIT_MATCH)
+
+        first = changes(f"{prefix}position", usual, 1) + changes("time", "s", -1)
+        return first, changes(f"{prefix}velocity", f"{usual}/s", -1)
+
+    @property
+    def gear(self) -> str:
+        """A remark where the velocity column is the motor's."""
+        ratio = self.joint.gear_ratio or math.nan
+        is_motor = abs(abs(self.ratio * ratio) - 1.0) < UNIT_MATCH
+        return f" (the ratio is that of the gear, {number(ratio)}: the column is the motor's speed)" if is_motor else ""
+
+    @cached_property
+    def flat_top(self) -> tuple[str, int] | None:
+        """Level (A) of a flat top on either side, and how many samples have it; the side with the larger current."""
+        sides = [(max(counts), sign, counts) for sign, counts in zip((1, -1), self.levels, strict=False) if counts]
+        for level, sign, counts in sorted(sides, key=lambda side: -side[0]):
+            below = sum(counts.values()) - counts[level]
+            if counts[level] >= max(FLAT_COUNT, FLAT_SHARE * self.moving, FLAT_RATIO * below):
+                return number(sign * level), counts[level]
+        return None
+
+    @cached_property
+    def frozen(self) -> str:
+        """How the current is not measured anew at each sample, if so."""
+        interval = self.sums.interval()
+        period = interval / max(1.0 - self.same / max(self.pairs, 1), 1e-9)
+        if self.same > HELD_SHARE * self.pairs and period > HELD:
+            return f"changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
+        if self.flat >= FLAT_WINDOWS and self.flat > FLAT_TIME * self.windows:
+            return f"stays the same to the digit in {100 * self.flat / self.windows:.0f} % of the time it moves"
+        return ""
+
+    @property
+    def has_zeros(self) -> bool:
+        """Whether zeros are far more than currents next to zero; one in steps is as often one step away."""
+        nearest = self.levels[2]
+        beside = nearest[max(nearest)] if nearest else 0
+        return bool(self.zeros >= max(ZEROS, ZERO_SHARE * self.moving, ZERO_RATIO * beside))
+
+
+def _signals(sums: LogStatistics) -> list[JointSignals]:
+    return [JointSignals(sums, joint) for joint in sums.robot.joints]
+
+
+def _each(predicate: Callable[[JointSignals], object]) -> Callable[[LogStatistics], Found]:
+    """A test of each joint by itself."""
+    return lambda sums: ({"joint": j.joint.number, "j": j} for j in _signals(sums) if predicate(j))
+
+
 def _other_units(robot: Robot, key: str, usual: str, fits: Callable[[float], bool]) -> list[str]:
     """Words for the recipe by which a quantity's unit changes to one whose ratio to that of the recipe `fits`."""
     now = robot.log.units.get(key, usual)
@@ -121,85 +203,42 @@ def _position_unit(sums: LogStatistics, *, read: str, meant: str) -> Found:
     """
     is_angle, scale = read != "m", factor(meant) / factor(read)
     key = "position" if is_angle else "prismatic_position"
-    joints = [(joint, k) for joint, k in _joints(sums, moved=False) if joint.is_revolute == is_angle]
-    limited = [(joint, k) for joint, k in joints if joint.limits]
-    if sums.robot.log.units.get(key, read) != read:
-        return
-    suspects = [(joint, k) for joint, k in limited if _outside(sums, joint, scale) <= 0.1]
+    joints = [j for j in _signals(sums) if j.joint.is_revolute == is_angle]
+    limited = [j for j in joints if j.joint.limits]
+    suspects = [j for j in limited if j.outside(scale) <= 0.1]
     if scale > 1.0:
-        suspects.sort(key=lambda item: sums.lowest[item[1]] - sums.highest[item[1]])
-        widest = max((sums.highest[k] - sums.lowest[k] for _, k in limited), default=math.inf)
+        suspects.sort(key=lambda j: j.lowest - j.highest)
+        widest = max((j.highest - j.lowest for j in limited), default=math.inf)
         is_still = len(suspects) == len(limited) and widest < FEW_DEGREES and scale * widest > MOVED
         suspects = suspects if is_still else []
     else:
         # A whole turn off may be another count of turns, not another unit.
-        far = (max(BEYOND - 1.0, math.tau / (np.ptp(_limits(joint)))) for joint, _ in suspects)
-        suspects = [item for item, share in zip(suspects, far, strict=True) if _outside(sums, item[0]) > share]
-    furthest = np.maximum(np.abs(sums.lowest), np.abs(sums.highest))
-    turning = [(joint, k) for joint, k in joints if meant == "deg" and not joint.limits and furthest[k] > FAR]
+        suspects = [j for j in suspects if j.outside() > max(BEYOND - 1.0, math.tau / (j.high - j.low))]
+    turning = [j for j in joints if meant == "deg" and not j.joint.limits and max(-j.lowest, j.highest) > FAR]
     is_sure = bool(suspects) or len(turning) >= 2
-    for joint, k in (suspects or turning)[:1]:
-        why = (
-            f"its limits are {_span(*_limits(joint))}, and as {meant} they would fit" if suspects else "over two turns"
-        )
-        if is_sure or not abs(_ratio(sums)[k] - 1.0) < RATIO_FINE:
-            span = f"{_span(sums.lowest[k], sums.highest[k])} {joint.position_unit}"
-            figures = {"read": read, "meant": meant, "key": key, "span": span, "why": why}
-            yield figures | {"joint": joint.number, "fault": is_sure}
+    for j in (suspects or turning)[:1] if sums.robot.log.units.get(key, read) == read else ():
+        if is_sure or not abs(j.ratio - 1.0) < RATIO_FINE:
+            why = f"its limits are {j.limits}, and as {meant} they would fit" if suspects else "over two turns"
+            figures = {"read": read, "meant": meant, "key": key, "j": j, "why": why}
+            yield figures | {"joint": j.joint.number, "fault": is_sure}
 
 
 def _units_disagree(sums: LogStatistics) -> Found:
     """The derivative of position against the velocity column, by a factor between two units."""
-    for joint, ratio in _off_ratios(sums):
-        changes, speeds = _unit_changes(sums.robot, joint, ratio)
+    for j in _signals(sums):
+        changes, speeds = j.unit_changes()
         if changes or speeds:
             words = f"{' or '.join(changes + speeds)} into the recipe's log block"
             words += "" if changes else " (speeds are taken from position)"
-            yield {"joint": joint.number, "ratio": number(ratio), "words": words, "fault": bool(changes)}
+            yield {"joint": j.joint.number, "ratio": number(j.ratio), "words": words, "fault": bool(changes)}
             return
-
-
-def _velocity_sign(sums: LogStatistics) -> Found:
-    yield from ({"joint": joint.number} for joint, ratio in _off_ratios(sums) if abs(ratio + 1.0) < RATIO_FINE)
-
-
-def _velocity_unrelated(sums: LogStatistics) -> Found:
-    """A velocity column of another scale, or of another signal."""
-    ratios = {joint.number: ratio for joint, ratio in _off_ratios(sums)}
-    if any(any(_unit_changes(sums.robot, sums.robot.joint(joint), ratio)) for joint, ratio in ratios.items()):
-        return
-    for joint, k in _joints(sums, moved=False):
-        ratio = ratios.get(joint.number, -1.0)
-        match, moved = abs(float(sums.agreement()[k, k])), sums.path[k] > MOVED
-        if abs(ratio + 1.0) >= RATIO_FINE:
-            how = f"the position changes {number(ratio)} times as fast"
-            if joint.gear_ratio and abs(abs(ratio * joint.gear_ratio) - 1.0) < UNIT_MATCH:
-                how += f" (the ratio is that of the gear, {number(joint.gear_ratio)}: the column is the motor's speed)"
-            yield {"joint": joint.number, "how": how}
-        elif moved and _integral(sums)[k] > 0 and match < UNRELATED:
-            yield {"joint": joint.number, "how": f"their correlation is {match:.2f}"}
-
-
-def _beyond_limits(sums: LogStatistics) -> Found:
-    speed = np.sqrt(sums.speed_squares / np.maximum(sums.seconds, 1e-12))
-    for joint, k in _joints(sums, moved=False):
-        unit, limit = joint.position_unit, joint.max_velocity
-        if limit and speed[k] > BEYOND * limit and sums.path[k] > MOVED:
-            what = f"moves at {number(speed[k])} {unit}/s (RMS), its maximum is {number(limit)}"
-            yield {"joint": joint.number, "what": what, "fix": "check the units of time and of position"}
-        if _outside(sums, joint) > 0.05:
-            span = _span(sums.lowest[k], sums.highest[k])
-            what = f"runs from {span} {unit}, beyond its limits {_span(*_limits(joint))}"
-            yield {"joint": joint.number, "what": what, "fix": "check zero, sign and unit"}
 
 
 def _velocities_swapped(sums: LogStatistics) -> Found:
     """Velocity columns that follow the positions of other joints."""
-    match = np.abs(sums.agreement())
+    moved = [j for j in _signals(sums) if j.has_moved and j.integral > 0]
     followed = {
-        joint.number: int(np.argmax(match[k])) + 1
-        for joint, k in _joints(sums)
-        if _integral(sums)[k] > 0 and match[k, k] < ANOTHER and match[k].max() > AGREES
+        j.joint.number: int(np.argmax(j.match)) + 1 for j in moved if j.agrees < ANOTHER and j.match.max() > AGREES
     }
     if followed:
         pairs = ", ".join(f"position {a} with velocity {b}" for a, b in followed.items())
@@ -241,77 +280,16 @@ def _currents_swapped(sums: LogStatistics) -> Found:
         yield figures | {"joint": next(iter(moved_to)), "fault": is_sure}
 
 
-def _position_held(sums: LogStatistics) -> Found:
-    """A position that is measured less often than it is logged; one of an encoder with few counts is none."""
-    for joint, k in _joints(sums, moved=False):
-        is_often = sums.held[k] >= max(FLAT_WINDOWS, STILL_TIME * sums.windows[k])
-        if is_often and sums.step_sum[k] > UNEQUAL * sums.least_step[k] * sums.step_count[k]:
-            yield {"joint": joint.number}
-
-
-def _current_constant(sums: LogStatistics) -> Found:
-    for joint, k in _measured(sums, constant=True):
-        yield {"joint": joint.number, "level": number(sums.least_current[k]), "total": int(sums.moving[k])}
-
-
 def _current_copied(sums: LogStatistics) -> Found:
     """Two joints whose currents are the same numbers."""
     same = (sums.copied > FLAT_WINDOWS) & (sums.copied >= (1.0 - FLAT_TIME) * sums.compared)
     yield from ({"joint": int(b) + 1, "other": int(a) + 1} for a, b in np.argwhere(np.triu(same, 1)))
 
 
-def _current_saturated(sums: LogStatistics) -> Found:
-    """A flat top on either side; the side with the larger current is told."""
-    for joint, k in _measured(sums):
-        sides = [(max(counts), sign, counts) for sign, counts in zip((1, -1), sums.levels[k], strict=False) if counts]
-        for level, sign, counts in sorted(sides, key=lambda side: -side[0]):
-            count, below = counts[level], sum(counts.values()) - counts[level]
-            if count >= max(FLAT_COUNT, FLAT_SHARE * sums.moving[k], FLAT_RATIO * below):
-                limit = number(sign * level)
-                yield {"joint": joint.number, "limit": limit, "count": count, "total": int(sums.moving[k])}
-                break
-
-
-def _current_frozen(sums: LogStatistics) -> Found:
-    """A current that is not measured anew at each sample."""
-    interval, saturated = sums.interval(), {figures["joint"] for figures in _current_saturated(sums)}
-    for joint, k in _measured(sums):
-        period = interval / max(1.0 - sums.same[k] / max(sums.pairs[k], 1), 1e-9)
-        if joint.number in saturated:
-            continue
-        if sums.same[k] > HELD_SHARE * sums.pairs[k] and period > HELD:
-            how = f"changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
-            yield {"joint": joint.number, "how": how}
-        elif sums.flat[k] >= FLAT_WINDOWS and sums.flat[k] > FLAT_TIME * sums.windows[k]:
-            share = 100 * sums.flat[k] / sums.windows[k]
-            yield {"joint": joint.number, "how": f"stays the same to the digit in {share:.0f} % of the time it moves"}
-
-
-def _current_zeros(sums: LogStatistics) -> Found:
-    """A current that is zero far more often than next to zero; one in steps is as often one step away."""
-    flagged = {figures["joint"] for figures in (*_current_saturated(sums), *_current_frozen(sums))}
-    for joint, k in _measured(sums):
-        nearest = sums.levels[k][2]
-        beside = nearest[max(nearest)] if nearest else 0
-        is_many = sums.zeros[k] >= max(ZEROS, ZERO_SHARE * sums.moving[k], ZERO_RATIO * beside)
-        if is_many and joint.number not in flagged:
-            yield {"joint": joint.number, "count": int(sums.zeros[k]), "total": int(sums.moving[k])}
-
-
-def _current_size(sums: LogStatistics) -> Found:
-    for joint, k in _measured(sums):
-        largest = max(-sums.least_current[k], sums.most_current[k])
-        if not SMALL <= largest <= LARGE:
-            unlike = "more than an arm's motor draws" if largest > LARGE else "less than it takes to move an arm"
-            yield {"joint": joint.number, "largest": number(largest), "unlike": unlike}
-
-
 def _at_rest(sums: LogStatistics) -> Found:
-    moved = {joint.number for joint, _ in _joints(sums)}
-    still = [joint.number for joint in sums.robot.joints if joint.number not in moved]
-    if still and moved:
-        listed = ", ".join(map(str, still))
-        yield {"which": f"joints {listed} never move" if len(still) > 1 else f"joint {listed} never moves"}
+    still = [str(j.joint.number) for j in _signals(sums) if not j.has_moved]
+    if still and len(still) < sums.robot.n_joints:
+        yield {"which": f"joints {', '.join(still)} never move" if len(still) > 1 else f"joint {still[0]} never moves"}
 
 
 #: Units first, since wrong ones cause much of what follows: where one is refused, the other checks are not made.
@@ -322,7 +300,7 @@ UNIT_CHECKS = (
           "50 or more are needed for good runs", column="time"),
     *(
         Check(slug, partial(_position_unit, read=read, meant=meant),
-              "positions of joint {joint}, read as {read}, run from {span}; {why}",
+              "positions of joint {joint}, read as {read}, run from {j.span}; {why}",
               "if they are {meant} put units: {{{key}: {meant}}} into the recipe's log block")
         for slug, read, meant in (
             ("looks-like-degrees", "rad", "deg"), ("units-disagree", "deg", "rad"), ("units-disagree", "m", "mm"),
@@ -330,98 +308,53 @@ UNIT_CHECKS = (
     ),
     Check("units-disagree", _units_disagree, "position of joint {joint} changes {ratio} times as fast as its velocity "
           "column says", "put {words}", column="velocity"),
-    Check("velocity-sign", _velocity_sign, "velocity of joint {joint} has the sign opposite to its motion",
-          "speeds are taken from position", column="velocity"),
+    Check("velocity-sign", _each(lambda j: j.is_off and abs(j.ratio + 1.0) < RATIO_FINE),
+          "velocity of joint {joint} has the sign opposite to its motion", "speeds are taken from position",
+          column="velocity"),
 )  # fmt: skip
 OTHER_CHECKS = (
-    Check("beyond-limits", _beyond_limits, "joint {joint} {what}", "{fix}"),
+    Check("beyond-limits",
+          _each(lambda j: j.has_moved and j.joint.max_velocity and j.speed > BEYOND * j.joint.max_velocity),
+          "joint {joint} moves at {j.speed:.4g} {j.joint.position_unit}/s (RMS), its maximum is "
+          "{j.joint.max_velocity:.4g}", "check the units of time and of position"),
+    Check("beyond-limits", _each(lambda j: j.outside() > 0.05),
+          "joint {joint} runs from {j.span}, beyond its limits {j.limits}", "check zero, sign and unit"),
     Check("joints-swapped", _velocities_swapped, "velocity columns follow other joints than their own: {pairs}",
           "put the columns into one order; if the positions are right, velocity: null in the recipe's log block",
           column="velocity", fault=True),
-    Check("velocity-unrelated", _velocity_unrelated,
-          "the velocity column of joint {joint} does not follow its position: {how}",
+    Check("velocity-unrelated",
+          _each(lambda j: j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())),
+          "the velocity column of joint {joint} does not follow its position: the position changes {j.ratio:.4g} times "
+          "as fast{j.gear}", "speeds are taken from position and time", column="velocity"),
+    Check("velocity-unrelated", _each(lambda j: j.has_moved and j.integral > 0 and j.agrees < UNRELATED),
+          "the velocity column of joint {joint} does not follow its position; their correlation is {j.agrees:.2f}",
           "speeds are taken from position and time", column="velocity"),
-    Check("position-held", _position_held, "position of joint {joint} often repeats while it moves, and then jumps: it "
-          "is measured less often than it is logged, or its log repeats samples",
-          "inertia and the ends of runs suffer"),
+    Check("position-held",
+          _each(lambda j: j.held >= max(FLAT_WINDOWS, STILL_TIME * j.windows)
+                and j.step_sum > UNEQUAL * j.least_step * j.step_count),
+          "position of joint {joint} often repeats while it moves, and then jumps: it is measured less often than it "
+          "is logged, or its log repeats samples", "inertia and the ends of runs suffer"),
     Check("current-copied", _current_copied, "joints {other} and {joint} have the same current in every sample",
           "give each joint its own column; leave out one that was not measured", column="current", fault=True),
-    Check("constant-current", _current_constant, "current of joint {joint} is {level} A in all {total} samples in "
-          "which it moves", "name the column of the measured current; if there is none remove this one, the joint is "
-          "then left out", column="current", fault=True),
-    Check("current-saturated", _current_saturated, "current of joint {joint} is at its limit, {limit} A, in {count} of "
-          "{total} moving samples", "it is cut off by the drive or the sensor; slower runs stay below",
+    Check("constant-current", _each(lambda j: j.has_moved and j.is_constant),
+          "current of joint {joint} is {j.least_current:.4g} A in all {j.moving:.0f} samples in which it moves",
+          "name the column of the measured current; if there is none remove this one, the joint is then left out",
+          column="current", fault=True),
+    Check("current-saturated", _each(lambda j: j.is_measured and j.flat_top),
+          "current of joint {joint} is at its limit, {j.flat_top[0]} A, in {j.flat_top[1]} of {j.moving:.0f} moving "
+          "samples", "it is cut off by the drive or the sensor; slower runs stay below", column="current"),
+    Check("current-frozen", _each(lambda j: j.is_measured and not j.flat_top and j.frozen),
+          "current of joint {joint} {j.frozen}", "the signal froze, is held and so late, or its steps are too coarse",
           column="current"),
-    Check("current-frozen", _current_frozen, "current of joint {joint} {how}",
-          "the signal froze, is held and so late, or its steps are too coarse", column="current"),
-    Check("current-dropouts", _current_zeros, "current of joint {joint} is exactly zero in {count} of {total} moving "
-          "samples, and hardly ever next to zero: values that were lost were written as 0, or the drive or the sensor "
-          "cuts small currents off", "leave lost values empty; small ones that are cut off spoil friction and gravity",
-          column="current"),
-    Check("current-size", _current_size, "current of joint {joint} is {largest} A at most, {unlike}",
+    Check("current-dropouts", _each(lambda j: j.is_measured and j.has_zeros and not j.flat_top and not j.frozen),
+          "current of joint {joint} is exactly zero in {j.zeros:.0f} of {j.moving:.0f} moving samples, and hardly ever "
+          "next to zero: values that were lost were written as 0, or the drive or the sensor cuts small currents off",
+          "leave lost values empty; small ones that are cut off spoil friction and gravity", column="current"),
+    Check("current-size", _each(lambda j: j.is_measured and not SMALL <= j.largest <= LARGE),
+          "current of joint {joint} is {j.largest:.4g} A at most, and an arm's motor draws more than "
+          f"{SMALL:g} and less than {LARGE:g} A",
           "see units: {{current: ...}} in the recipe's log block", column="current"),
     Check("joints-swapped", _currents_swapped, "{what}",
           "{perhaps}positions and currents are in different orders: put {pairs} into one order"),
     Check("joint-at-rest", _at_rest, "{which} in these logs", ""),
 )  # fmt: skip
-
-
-def _joints(sums: LogStatistics, *, moved: bool = True) -> Iterator[tuple[Joint, int]]:
-    """Joints with their index, those that moved only."""
-    for joint in sums.robot.joints:
-        if not moved or sums.path[joint.number - 1] > MOVED:
-            yield joint, joint.number - 1
-
-
-def _measured(sums: LogStatistics, *, constant: bool = False) -> Iterator[tuple[Joint, int]]:
-    """Joints that moved and have a current that changes, or one that is constant."""
-    for joint, k in _joints(sums):
-        is_constant = sums.least_current[k] == sums.most_current[k] and sums.moving[k] >= FLAT_COUNT
-        if sums.moving[k] and is_constant == constant:
-            yield joint, k
-
-
-def _span(low: float, high: float) -> str:
-    return f"{number(low)} to {number(high)}"
-
-
-def _limits(joint: Joint) -> tuple[float, float]:
-    """The joint's limits, rad or m; infinite without."""
-    return joint.limits or (-math.inf, math.inf)
-
-
-def _outside(sums: LogStatistics, joint: Joint, scale: float = 1.0) -> float:
-    """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
-    (low, high), k = _limits(joint), joint.number - 1
-    return float(max(low - scale * sums.lowest[k], scale * sums.highest[k] - high)) / (high - low)
-
-
-def _integral(sums: LogStatistics) -> Floats:
-    """(J,) sums of squares of the integrated velocity columns, zero without one."""
-    return np.diag(sums.products)[sums.robot.n_joints :]
-
-
-def _ratio(sums: LogStatistics) -> Floats:
-    """(J,) displacement per integrated velocity, NaN where a joint did not move or they do not belong together."""
-    integral, both = _integral(sums), np.diag(sums.products, sums.robot.n_joints)
-    belongs = (np.abs(np.diag(sums.agreement())) > AGREES) & (sums.path > 0)
-    return np.where(belongs, both / np.where(integral > 0, integral, 1.0), np.nan)
-
-
-def _off_ratios(sums: LogStatistics) -> Iterator[tuple[Joint, float]]:
-    """Joints that moved, by position or by their velocity column, and whose ratio of the two is not one."""
-    moved = (sums.path > MOVED) | (_integral(sums) > (MOVED * WINDOW) ** 2)
-    for joint, ratio in zip(sums.robot.joints, _ratio(sums).tolist(), strict=True):
-        if moved[joint.number - 1] and abs(ratio - 1.0) >= RATIO_FINE:
-            yield joint, ratio
-
-
-def _unit_changes(robot: Robot, joint: Joint, ratio: float) -> tuple[list[str], list[str]]:
-    """Single changes of unit that bring the ratio to one: of position or time, and of the velocity column."""
-    prefix, usual = ("", "rad") if joint.is_revolute else ("prismatic_", "m")
-
-    def changes(key: str, usual: str, power: int) -> list[str]:
-        return _other_units(robot, key, usual, lambda scale: abs(abs(ratio) * scale**power - 1.0) < UNIT_MATCH)
-
-    first = changes(f"{prefix}position", usual, 1) + changes("time", "s", -1)
-    return first, changes(f"{prefix}velocity", f"{usual}/s", -1)
