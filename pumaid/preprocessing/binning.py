@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,28 +88,18 @@ class Piece:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class JointMotion:
-    """What each of J joints does at K ticks of 20 ms.
-
-    `velocity` (K, J) rad/s or m/s; `moving` (K, J) says which joints move; `code` (K,) is 0 at rest, +joint or -joint
-    by direction, or another number where several move.
-    """
-
-    ticks: Ticks
-    velocity: Floats
-    moving: NDArray[np.bool_]
-    code: Ints
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Stretch:
-    """N consecutive samples without gaps."""
+    """N consecutive samples without gaps, and what each of J joints does at K ticks of 20 ms.
+
+    There are no ticks where samples are too few, or no numbers.
+    """
 
     log: Log
     index: Ints  # (N,) their numbers in the window that they come from
     time: Floats  # (N,) s at which they were taken, which stamps need not be
     stamp_error: float = 0.0  # s, RMS by which the stamps differ from it
-    motion: JointMotion | None = None  # None where samples are too few, or no numbers
+    ticks: Ticks | None = None
+    velocity: Floats = field(default_factory=partial(np.zeros, (0, 0)))  # (K, J) rad/s or m/s
 
 
 def record(
@@ -136,11 +127,11 @@ def _reject(
     if not samples:
         return None
     duration, bins = float(log.time[-1] - log.time[0]), None
-    if piece.joints and stretch.motion is not None:
+    if piece.joints and stretch.ticks is not None:
         starts, count = spans(log.time, options.reject_bins)
-        time, ticks = mean_times(log.time, starts), stretch.motion.ticks.time
+        time, ticks = mean_times(log.time, starts), stretch.ticks.time
         position, current = (finite_means(values, starts) for values in (log.position, log.current))
-        velocity = np.column_stack([np.interp(time, ticks, column) for column in stretch.motion.velocity.T])
+        velocity = np.column_stack([np.interp(time, ticks, column) for column in stretch.velocity.T])
         bins = Means(count, time, position, velocity, current)
     units = [robot.joint(joint).position_unit for joint in piece.joints] or ["rad"]
     text = REASONS[piece.label].format(
@@ -210,8 +201,8 @@ def _run(
 
 def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Ints, size: int) -> Bins:
     """At most `size` bins of the `measured` samples of a run; velocity is that of ticks inside the run only."""
-    assert stretch.motion is not None
-    ticks, joint = stretch.motion.ticks, piece.joints[0] - 1
+    assert stretch.ticks is not None
+    ticks, joint = stretch.ticks, piece.joints[0] - 1
     low = int(np.searchsorted(ticks.edges, piece.start))
     high = int(np.searchsorted(ticks.edges, piece.stop, side="right")) - 1
     velocity = np.full(len(measured), piece.figure)

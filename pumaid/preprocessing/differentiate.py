@@ -160,7 +160,9 @@ class Ticks:
         # Means about the first sample, which loses no digits to the clock's or the encoder's offset.
         means = position[0] + np.add.reduceat(position - position[0], starts, axis=0) / counts[:, None]
         tick_time = time[0] + np.add.reduceat(time - time[0], starts) / counts
-        quantum = np.array([_smallest_step(column) for column in position.T])
+        steps = np.abs(np.diff(position, axis=0))
+        quantum = np.where(steps > 1e-9, steps, math.inf).min(axis=0, initial=math.inf)
+        quantum[np.isinf(quantum)] = 0.0
         noise = quantum / math.sqrt(12.0)
         if len(means) > 4:
             noise = np.maximum(noise, np.median(np.abs(np.diff(means, 3, axis=0)), axis=0) / THIRD_DIFFERENCE)
@@ -179,9 +181,3 @@ class Ticks:
         while half < largest and self.slope_error(joint, half) > wanted:
             half += 1
         return half
-
-
-def _smallest_step(values: Floats) -> float:
-    """Smallest change above 1e-9 from a value to the next; zero where nothing changes."""
-    steps = np.abs(np.diff(values))
-    return float(steps[steps > 1e-9].min(initial=math.inf)) if (steps > 1e-9).any() else 0.0

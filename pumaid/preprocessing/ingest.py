@@ -17,7 +17,7 @@ from itertools import repeat
 from typing import Any, TypeVar
 
 from pumaid import __version__
-from pumaid.dataset import Dataset, FileFacts, Log, Reject, Run
+from pumaid.dataset import Dataset, FileFacts, Reject, Run
 from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
@@ -97,14 +97,8 @@ def read_file(
 ) -> tuple[Dataset, LogStatistics]:
     """Read and segment one file, whose recordings count from 0; with sums by which its columns are checked."""
     reader, sums = LogReader((path,), robot, extra=extra), LogStatistics(robot)
-    dataset = segment(_summed(reader, sums), robot, options=options)
+    dataset = segment(map(sums.take, reader), robot, options=options)
     return replace(dataset, files=tuple(reader.files), notes=tuple(reader.notes), extra=tuple(reader.extra)), sums
-
-
-def _summed(logs: Iterable[Log], sums: LogStatistics) -> Iterator[Log]:
-    for log in logs:
-        sums.take(log)
-        yield log
 
 
 def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:

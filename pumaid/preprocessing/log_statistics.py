@@ -80,10 +80,11 @@ class LogStatistics:
         self.groups: list[dict[tuple[int, ...], Floats]] = [{} for _ in range(n)]
         self._rest: Log | None = None
 
-    def take(self, log: Log) -> None:
-        """Add a batch; whole windows are summed, the rest waits for the next batch of the same clock."""
+    def take(self, log: Log) -> Log:
+        """Add a batch and hand it on; windows that are whole are summed, the rest waits for the next of its clock."""
+        batch = log
         if not len(log):
-            return
+            return log
         self.origin = self.origin or log.origin
         missing = INTERVALS - len(self.intervals)
         self.intervals = np.concatenate([self.intervals, np.diff(log.time[: missing + 1])])
@@ -95,6 +96,7 @@ class LogStatistics:
         self._rest = log.part(slice(int(edges[-1]), None))
         if len(edges) > 1:
             self._add_windows(log, edges)
+        return batch
 
     def absorb(self, other: LogStatistics) -> None:
         """Add the statistics of another file of the same robot, which must not be fed any more."""

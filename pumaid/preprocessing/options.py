@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 
 from pumaid.errors import PumaidError, Where
 
@@ -36,20 +36,16 @@ class SegmentOptions:
     window: int = 131_072  # samples held in memory at a time; a longer movement is cut
 
     def __post_init__(self) -> None:
-        if self.kinds not in (CONSTANT, STROKE, BOTH):
-            self._refuse("kinds", f"one of {CONSTANT}, {STROKE}, {BOTH}")
-        for name in (item.name for item in fields(self) if item.name != "kinds"):
-            if not getattr(self, name) > 0:
-                self._refuse(name, "above 0")
-        for name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"):
-            if getattr(self, name) >= 1:
-                self._refuse(name, "a share, below 1")
-        if self.window < MIN_WINDOW:
-            self._refuse("window", f"at least {MIN_WINDOW} samples")
-
-    def _refuse(self, name: str, wanted: str) -> None:
-        what = f"{name} is {getattr(self, name)!r}"
-        raise PumaidError("bad-option", what, Where(field=name), f"give {wanted}")
+        for name, value in asdict(self).items():
+            is_share, wanted = name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"), ""
+            if name == "kinds":
+                wanted = "" if value in (CONSTANT, STROKE, BOTH) else f"one of {CONSTANT}, {STROKE}, {BOTH}"
+            elif not value > 0 or (is_share and value >= 1):
+                wanted = "a share, above 0 and below 1" if is_share else "above 0"
+            elif name == "window" and value < MIN_WINDOW:
+                wanted = f"at least {MIN_WINDOW} samples"
+            if wanted:
+                raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), f"give {wanted}")
 
 
 #: Samples; below it the overlap of two windows would be most of a window.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Log, Reject, Run, coarser
 from pumaid.preprocessing import clock
-from pumaid.preprocessing.binning import JointMotion, Piece, Stretch, record, sliding
+from pumaid.preprocessing.binning import Piece, Stretch, record, sliding
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
 from pumaid.preprocessing.options import CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
 from pumaid.robot import Robot
@@ -130,12 +130,10 @@ class _Segmenter:
 
     def _record(self, log: Log, *, ends: bool) -> int:
         """Make records up to the last movement, or to the end; return where that is."""
-        parts, cut = list(stretches(log, self._options)), len(log)
-        moved = [(stretch.index, stretch.motion) for stretch, _ in parts if stretch.motion is not None]
-        for index, motion in moved[-1:] if not ends else ():
-            last = int(index[motion.ticks.edges[_movements(motion.code)[-1].start]])
-            cut = last if last > len(log) // 2 else cut
-        for stretch, pieces in parts:
+        parts = list(stretches(log, self._options))
+        last = max((int(stretch.index[start]) for stretch, _, start in parts), default=0)
+        cut = last if len(log) // 2 < last and not ends else len(log)
+        for stretch, pieces, _ in parts:
             low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
             clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
             for piece in (piece for piece in clipped if piece.stop > piece.start):
@@ -146,30 +144,34 @@ class _Segmenter:
         return cut
 
 
-def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece]]]:
-    """Gapless stretches of consecutive samples of one recording, cut into pieces that hold every sample once."""
+def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece], int]]:
+    """Gapless stretches of consecutive samples of one recording, cut into pieces that hold every sample once.
+
+    With the sample at which the last movement of the stretch begins, 0 where nothing is known of movements.
+    """
     good = np.isfinite(log.time) & (np.abs(log.position) < LARGEST).all(axis=1)
-    bad = np.flatnonzero(~good)
-    for part in np.split(bad, np.flatnonzero(np.diff(bad) > 1) + 1):
-        if len(part):
-            yield Stretch(log.part(part), part, log.time[part]), [Piece(0, len(part), "not-a-number")]
-    index = np.flatnonzero(good)
+    bad, index = np.flatnonzero(~good), np.flatnonzero(good)
     time = log.time[index]
     steps = np.diff(time)
     broken = (steps > max(GAP_STEPS * usual_step(time), GAP_TIME)) | (steps <= 0)
-    for part in np.split(index, np.flatnonzero(broken) + 1):
-        if len(part) >= FEWEST:
-            samples = log.part(part)
+    apart = [np.split(bad, np.flatnonzero(np.diff(bad) > 1) + 1), np.split(index, np.flatnonzero(broken) + 1)]
+    for part in filter(len, (part for parts in apart for part in parts)):
+        samples = log.part(part)
+        if len(part) >= FEWEST and good[part[0]]:
             sampled, error = clock.sampling_times(samples.time, samples.position)
-            motion = _motion(Ticks.of(sampled, samples.position), options)
-            stretch = Stretch(samples, part, sampled, error, motion)
-            yield stretch, _joined(_pieces(stretch, motion, options))
-        elif len(part):
-            yield Stretch(log.part(part), part, log.time[part]), [Piece(0, len(part), "gap")]
+            ticks = Ticks.of(sampled, samples.position)
+            velocity, moving = _moving(ticks, options)
+            movements = _movements(_codes(velocity, moving, ticks, options))
+            stretch = Stretch(samples, part, sampled, error, ticks, velocity)
+            pieces = _joined(_pieces(stretch, ticks, movements, moving=moving, options=options))
+            yield stretch, pieces, int(ticks.edges[movements[-1].start])
+        else:
+            label = "gap" if good[part[0]] else "not-a-number"
+            yield Stretch(samples, part, samples.time), [Piece(0, len(part), label)], 0
 
 
-def _motion(ticks: Ticks, options: SegmentOptions) -> JointMotion:
-    """Every joint's velocity, and which joints move.
+def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Bools]:
+    """(K, J) velocities, and which joints move.
 
     A joint moves where its speed is surely above `rest_speed` and above `held_share` of the fastest joint's; the line
     behind a joint's speed is just long enough to see `rest_speed` through its noise and quantisation.
@@ -182,18 +184,18 @@ def _motion(ticks: Ticks, options: SegmentOptions) -> JointMotion:
         flicker = 2.0 * ticks.quantum[joint - 1] / (ticks.interval * (2 * half + 1))
         floor[joint - 1] = max(options.rest_speed, SURE * ticks.slope_error(joint, half), flicker)
     speed = np.abs(velocity)
-    moving = speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
-    fastest, count = speed.argmax(axis=1), moving.sum(axis=1)
-    signed = np.where(velocity[np.arange(len(speed)), fastest] > 0, 1, -1) * (fastest + 1)
-    code = np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
-    return JointMotion(ticks, velocity, moving, _without_slips(code, ticks, options))
+    return velocity, speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
 
 
-def _without_slips(code: Ints, ticks: Ticks, options: SegmentOptions) -> Ints:
-    """Codes in which a held joint that gives way by little, for a moment, does not end the motion of another.
+def _codes(velocity: Floats, moving: Bools, ticks: Ticks, options: SegmentOptions) -> Ints:
+    """(K,) 0 at rest, +joint or -joint by direction, or `SEVERAL`.
 
-    The moving joint changes the held joints' load, until it passes what their friction holds.
+    A held joint that gives way by little, for a moment, does not end the motion of another: the moving joint changes
+    the held joints' load, until it passes what their friction holds.
     """
+    fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
+    signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)
+    code = np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
     out = code.copy()
     for part in _movements(code):
         if part.code != SEVERAL or part.before != part.after or part.before in (None, REST):
@@ -227,18 +229,20 @@ def _movements(code: Ints) -> list[_Movement]:
     ]
 
 
-def _pieces(stretch: Stretch, motion: JointMotion, options: SegmentOptions) -> Iterator[Piece]:
+def _pieces(
+    stretch: Stretch, ticks: Ticks, movements: list[_Movement], *, moving: Bools, options: SegmentOptions
+) -> Iterator[Piece]:
     """Runs and left-out pieces of a stretch, in order."""
-    for movement in _movements(motion.code):
-        start, stop = motion.ticks.edges[[movement.start, movement.stop]].tolist()
+    for movement in movements:
+        start, stop = ticks.edges[[movement.start, movement.stop]].tolist()
         if movement.code == REST:
             yield Piece(start, stop, "rest")
         elif movement.code == SEVERAL:
-            moving = motion.moving[movement.start : movement.stop].sum(axis=0)
-            order = np.argsort(-moving, kind="stable")
-            yield Piece(start, stop, "several-joints", tuple(int(j) + 1 for j in order if moving[j]))
+            counts = moving[movement.start : movement.stop].sum(axis=0)
+            order = np.argsort(-counts, kind="stable")
+            yield Piece(start, stop, "several-joints", tuple(int(j) + 1 for j in order if counts[j]))
         else:
-            yield from _of_movement(stretch, motion.ticks, movement, options)
+            yield from _of_movement(stretch, ticks, movement, options)
 
 
 def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
