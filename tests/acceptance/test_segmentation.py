@@ -49,14 +49,27 @@ def test_what_settles_after_a_ramp_is_no_friction():
         assert abs(value.value - known[name]) < 3.0 * value.std_error
 
 
+def of_strokes(world, logs):
+    """(3, 2) viscous friction and inertia of each joint by the bins of its strokes alone, and the notes."""
+    dataset, sizes = segment(logs, robot(world)), []
+    for joint in (1, 2, 3):
+        rows, currents = [], []
+        for run in dataset.of_joint(joint):
+            bins, q, weight = run.bins, run.bins.position[:, joint - 1], np.sqrt(run.bins.count)
+            ways = [np.full(len(q), float(run.direction == way)) for way in (1, -1)]
+            columns = [np.cos(q), np.sin(q), *ways, bins.velocity, bins.acceleration]
+            rows.append(np.column_stack(columns) * weight[:, None])
+            currents.append(bins.current * weight)
+        sizes.append(np.linalg.lstsq(np.concatenate(rows), np.concatenate(currents), rcond=None)[0][4:])
+    return np.array(sizes), dataset.notes
+
+
 @pytest.mark.parametrize("rate", [125.0, 1000.0])
 def test_strokes_carry_friction_and_inertia_without_bias(rate):
-    """Over strokes of many seeds, friction and inertia come back to a few percent from the bins alone."""
+    """Over strokes of several seeds, friction and inertia come back to a few percent from the bins alone."""
     world = World(strokes=True, rate=rate, motions=24, plateau=(1.5, 4.0))
-    found = [size for seed in range(20_001, 20_005) for size in _of_strokes(world, make(world, seed).logs)[0]]
-    viscous, inertia = np.mean(found, axis=0)
-    assert viscous == pytest.approx(VISCOUS, rel=0.05)
-    assert inertia == pytest.approx(INERTIA, rel=0.05)
+    sizes = [of_strokes(world, make(world, seed).logs)[0] for seed in range(20_001, 20_005)]
+    assert np.mean(sizes, axis=(0, 1)) == pytest.approx([VISCOUS, INERTIA], rel=0.05)
 
 
 @pytest.mark.parametrize("rate", [137.0, 490.0])
@@ -66,60 +79,34 @@ def test_strokes_carry_inertia_where_stamps_are_whole_milliseconds(rate):
     found, true = [], []
     for seed in range(20_001, 20_004):
         logs = make(world, seed).logs
-        true += _of_strokes(world, logs)[0]
-        sizes, notes = _of_strokes(world, [replace(log, time=np.floor(log.time * 1e3) / 1e3) for log in logs])
-        found += sizes
-        assert [note.slug for note in notes] == ["clock-evened"]
+        true.append(of_strokes(world, logs)[0])
+        sizes, notes = of_strokes(world, [replace(log, time=np.floor(log.time * 1e3) / 1e3) for log in logs])
+        found.append(sizes)
         # A millisecond over the root of twelve.
-        assert re.search(r"are 0\.2\d* ms RMS off", notes[0].text)
-    assert np.mean(found, axis=0)[1] == pytest.approx(np.mean(true, axis=0)[1], rel=0.01)
-    assert np.mean(found, axis=0)[1] == pytest.approx(INERTIA, rel=0.02)
+        assert [note.slug for note in notes] == ["clock-evened"] and re.search(r"are 0\.2\d* ms RMS", notes[0].text)
+    found, true = np.mean(found, axis=(0, 1))[1], np.mean(true, axis=(0, 1))[1]
+    assert found == pytest.approx(true, rel=0.01) and found == pytest.approx(INERTIA, rel=0.02)
 
 
-def _of_strokes(world, logs):
-    """Viscous friction and inertia of each joint by its strokes, and the notes."""
-    dataset, found = segment(logs, robot(world)), []
-    for joint in (1, 2, 3):
-        rows = [_stroke_rows(run) for run in dataset.of_joint(joint)]
-        normal, target = sum(a for a, _ in rows), sum(b for _, b in rows)
-        found.append(np.linalg.lstsq(normal, target, rcond=None)[0][4:])
-    return found, dataset.notes
-
-
-def _stroke_rows(run):
-    """A stroke's normal equations over cos, sin, forward, backward, velocity, acceleration, by its bins."""
-    bins, joint = run.bins, run.joint - 1
-    columns = np.zeros((len(bins), 6))
-    columns[:, 0], columns[:, 1] = np.cos(bins.position[:, joint]), np.sin(bins.position[:, joint])
-    columns[:, 2 if run.speed > 0 else 3] = 1.0
-    columns[:, 4], columns[:, 5] = bins.velocity, bins.acceleration
-    weighted = columns.T * bins.count
-    return weighted @ columns, weighted @ bins.current
-
-
-def _arm(n_joints: int) -> Robot:
-    return Robot("real", tuple(Joint(n + 1, f"j{n + 1}", "revolute") for n in range(n_joints)))
-
-
-def _table(name: str):
+def recorded(name: str, n: int, *, position: str, current: str, time: str | None = None) -> tuple[Log, Robot, object]:
+    """A public recording: its log, an arm of so many joints, its table; times are counts where there are none."""
     if not (REAL / name).exists():
         pytest.skip(f"no public recordings in {REAL} (set PUMAID_REAL_DATA)")
     import pandas as pd
 
-    return pd.read_parquet(REAL / name)
-
-
-def _log(table, *, time, position, current) -> Log:
-    rows = np.arange(len(table)) + 2
-    return Log("real", rows, time, table[position].to_numpy(float), None, table[current].to_numpy(float), None, True)
+    table, joints = pd.read_parquet(REAL / name), range(1, n + 1)
+    instants = table[time].to_numpy(float) if time else 1e-3 * np.arange(len(table))
+    q, i = (table[[word.format(j=j, k=j - 1) for j in joints]].to_numpy(float) for word in (position, current))
+    log = Log("real", np.arange(len(table)) + 2, instants, np.unwrap(q, axis=0), None, i, None, True)
+    return log, Robot("real", tuple(Joint(j, f"j{j}", "revolute") for j in joints)), table
 
 
 @pytest.mark.realdata
 def test_ur3e_goes_in_strokes():
     """The UR3e's shoulder makes eleven strokes of half a turn, none at constant speed."""
-    table = _table("ur3e-aurt/wave_currentData_100v_40a.parquet")
-    names = {"position": [f"actual_q_{j}" for j in range(6)], "current": [f"actual_current_{j}" for j in range(6)]}
-    runs = segment([_log(table, time=table["timestamp"].to_numpy(float), **names)], _arm(6)).runs
+    name = "ur3e-aurt/wave_currentData_100v_40a.parquet"
+    log, arm, _ = recorded(name, 6, position="actual_q_{k}", current="actual_current_{k}", time="timestamp")
+    runs = segment([log], arm).runs
     assert [(run.kind, run.joint) for run in runs] == [("stroke", 2)] * 11
     assert all(abs(run.span[1] - run.span[0]) > np.radians(178) for run in runs)
 
@@ -127,12 +114,10 @@ def test_ur3e_goes_in_strokes():
 @pytest.mark.realdata
 @pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 7])
 def test_kinova_trapezoids_are_one_run_each(joint):
-    """Each Kinova log holds one movement at one constant speed: one run, at its speed (times are counts)."""
-    table = _table(f"kinova-gen3-jointwise/joint_{joint}_trapez.parquet")
-    names = {"position": [f"Position{j}" for j in range(1, 8)], "current": [f"Cur{j}" for j in range(1, 8)]}
-    log = _log(table, time=1e-3 * np.arange(len(table)), **names)
-    log = Log("real", log.rows, log.time, np.unwrap(log.position, axis=0), None, log.current, None, True)
-    (run,) = segment([log], _arm(7)).runs
+    """Each Kinova log holds one movement at one constant speed: one run, at its speed."""
+    name = f"kinova-gen3-jointwise/joint_{joint}_trapez.parquet"
+    log, arm, table = recorded(name, 7, position="Position{j}", current="Cur{j}")
+    (run,) = segment([log], arm).runs
     assert (run.kind, run.joint) == ("constant", joint)
     assert run.speed == pytest.approx(np.median(table[f"Velocity{joint}"]), rel=0.02)
 
@@ -140,9 +125,8 @@ def test_kinova_trapezoids_are_one_run_each(joint):
 @pytest.mark.realdata
 def test_motion_of_both_joints_is_left_out():
     """The double pendulum swings both joints at once: no run, and the reason is told."""
-    table = _table("dfki-double-pendulum-a0/slow_75s_20220812-061157.parquet")
-    log = _log(table, time=table["time"].to_numpy(float), position=["pos1", "pos2"], current=["tau1", "tau2"])
-    dataset = segment([log], _arm(2))
+    name = "dfki-double-pendulum-a0/slow_75s_20220812-061157.parquet"
+    log, arm, _ = recorded(name, 2, position="pos{j}", current="tau{j}", time="time")
+    dataset = segment([log], arm)
     several = sum(reject.samples for reject in dataset.rejects if reject.reason == "several-joints")
-    assert dataset.runs == ()
-    assert several > 0.8 * len(log)
+    assert dataset.runs == () and several > 0.8 * len(log)

@@ -30,39 +30,30 @@ def world(seed: int, *, phi: float = 0.0, level: float = 0.0, ripple: float = 0.
     return runs
 
 
-def floor(**conditions: float) -> float:
-    """Root mean square of the floors of several experiments."""
-    return float(np.sqrt(np.mean([noise_floor(pairs(world(seed, **conditions)))[0] ** 2 for seed in EXPERIMENTS])))
+@pytest.mark.parametrize(
+    ("conditions", "expected", "within"),
+    [
+        *(({"phi": phi, "kind": kind}, SIGMA, 0.04) for phi in (0.0, 0.9, 0.98) for kind in ("constant", "stroke")),
+        # 48 pairs know the level's variance, a fifth of all, to 20 %: the floor to 2 %; three of these.
+        ({"level": 0.05}, np.hypot(SIGMA, 0.05), 0.06),
+        *(({"ripple": 0.3, "shift": shift}, SIGMA, 0.05) for shift in (0.0, 0.05)),
+    ],
+    ids=str,
+)
+def test_floor_of_noise(conditions, expected, within):
+    """White or correlated, it is the noise's standard deviation and what a run differs by as a whole.
 
-
-@pytest.mark.parametrize("phi", [0.0, 0.9, 0.98])
-@pytest.mark.parametrize("kind", ["constant", "stroke"])
-def test_floor_of_noise(phi, kind):
-    """White or correlated from sample to sample, the floor is the noise's standard deviation."""
-    assert floor(phi=phi, kind=kind) == pytest.approx(SIGMA, rel=0.04)
-
-
-def test_levels_belong_to_the_floor():
-    """What a repeated run differs by as a whole no model of position and speed explains."""
-    # 48 pairs know the level's variance, a fifth of all, to 20 %: the floor to 2 %; three of these.
-    assert floor(level=0.05) == pytest.approx(np.hypot(SIGMA, 0.05), rel=0.06)
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.05])
-def test_ripple_present_in_both_is_no_noise(shift):
-    """A ripple three times the noise that repeats hardly moves the floor, though bins lie elsewhere in each run."""
-    assert floor(ripple=0.3, shift=shift) == pytest.approx(SIGMA, rel=0.05)
+    A ripple three times the noise that repeats hardly moves the floor, though bins lie elsewhere in each run.
+    """
+    floors = [noise_floor(pairs(world(seed, **conditions)))[0] for seed in EXPERIMENTS]
+    assert np.sqrt(np.mean(np.square(floors))) == pytest.approx(expected, rel=within)
 
 
 def test_exact_runs_have_no_floor():
-    """Without noise the floor is far below any current sensor's step."""
+    """Without noise the floor is far below any current sensor's step; without a repeated run it is unknown."""
     moves = course("constant", -2.0, 2.0, samples=4000)
     run = run_of(PENDULUM, 1, (0.0, 0.3), course=moves, current=3.0 * np.cos(moves[1]), bins=400)
     assert noise_floor(pairs([run, run]))[0] < 1e-3
-
-
-def test_without_repeats_the_floor_is_unknown():
-    """No repeated run, no floor, and the reason says which runs to make."""
     found, why = noise_floor(pairs(world(0)[:2]))
     assert found is None and "no run is repeated" in why
 
