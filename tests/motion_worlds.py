@@ -7,7 +7,7 @@ known from the command: a sample belongs to a run where the command holds a cons
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -82,14 +82,13 @@ class World:
 
 @dataclass
 class Truth:
-    """Per sample: joint in a run (0: none), number of the run, current without noise and its inertial part."""
+    """Per sample: joint in a run (0: none), number of the run, the current's inertial part and its noise; the logs."""
 
     joint: np.ndarray
     run: np.ndarray
     inertia: np.ndarray
     noise: np.ndarray
-    velocity: np.ndarray
-    logs: list[Log] = field(default_factory=list)
+    logs: list[Log]
 
 
 def robot(world: World) -> Robot:
@@ -100,15 +99,9 @@ def robot(world: World) -> Robot:
 
 def _ramp(world: World, start: float, end: float) -> np.ndarray:
     duration = abs(end - start) / world.acceleration * (1.5 if world.ramp == "cosine" else 1.0)
-    x = (np.arange(max(2, round(duration * FINE))) + 0.5) / max(2, round(duration * FINE))
-    shape = x if world.ramp == "linear" else 0.5 - 0.5 * np.cos(np.pi * x)
-    return start + (end - start) * shape
-
-
-def _hold(world: World, speed: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    t = np.arange(round(duration * FINE)) / FINE
-    ring = world.ringing * np.exp(-t / 0.05) * np.sin(2 * np.pi * 12.0 * t)
-    return speed * (1 + ring), world.ringing * np.exp(-t / 0.05) <= SETTLED
+    size = max(2, round(duration * FINE))
+    x = (np.arange(size) + 0.5) / size
+    return start + (end - start) * (x if world.ramp == "linear" else 0.5 - 0.5 * np.cos(np.pi * x))
 
 
 def _leg(world: World, speed: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -116,45 +109,51 @@ def _leg(world: World, speed: float, rng: np.random.Generator) -> tuple[np.ndarr
     if world.strokes:
         x = np.linspace(0, 1, round(rng.uniform(*world.plateau) * FINE))
         return speed * 16 * x**2 * (1 - x) ** 2, np.zeros(len(x), bool)
-    parts: list[tuple[np.ndarray, np.ndarray | bool]] = [(_ramp(world, 0.0, speed), False)]
-    parts.append(_hold(world, speed, rng.uniform(*world.plateau)))
+    velocity, is_run = [], []
+
+    def ramp(start: float, end: float) -> None:
+        velocity.append(_ramp(world, start, end))
+        is_run.append(np.zeros(len(velocity[-1]), bool))
+
+    def hold(speed: float) -> None:
+        t = np.arange(round(rng.uniform(*world.plateau) * FINE)) / FINE
+        size = world.ringing * np.exp(-t / 0.05)
+        velocity.append(speed * (1 + size * np.sin(2 * np.pi * 12.0 * t)))
+        is_run.append(size <= SETTLED)
+
+    ramp(0.0, speed)
+    hold(speed)
     if world.two_speeds:
-        parts.append((_ramp(world, speed, 0.6 * speed), False))
+        ramp(speed, 0.6 * speed)
         speed = 0.6 * speed
-        parts.append(_hold(world, speed, rng.uniform(*world.plateau)))
+        hold(speed)
     if world.pause:
-        still = np.zeros(round(rng.uniform(0.1, 0.4) * FINE))
-        parts += [(_ramp(world, speed, 0.0), False), (still, False), (_ramp(world, 0.0, speed), False)]
-        parts.append(_hold(world, speed, rng.uniform(*world.plateau)))
-    parts.append((_ramp(world, speed, 0.0), False))
-    velocity, is_run = zip(*parts, strict=True)
-    return np.concatenate(velocity), _spread(is_run, velocity)
-
-
-def _spread(values, parts) -> np.ndarray:
-    """A value, or an array, for each part, one after the other."""
-    return np.concatenate([np.broadcast_to(value, len(part)) for value, part in zip(values, parts, strict=True)])
+        ramp(speed, 0.0)
+        velocity.append(np.zeros(round(rng.uniform(0.1, 0.4) * FINE)))
+        is_run.append(np.zeros(len(velocity[-1]), bool))
+        ramp(0.0, speed)
+        hold(speed)
+    ramp(speed, 0.0)
+    return np.concatenate(velocity), np.concatenate(is_run)
 
 
 def make(world: World, seed: int) -> Truth:
     """Draw a world: the truth per sample, and its logs."""
     rng = np.random.default_rng(seed)
+    legs: list[tuple[np.ndarray, np.ndarray, int]] = []
 
-    def rest() -> np.ndarray:
-        return np.zeros(round(rng.uniform(*world.dwell) * FINE))
+    def rest() -> None:
+        still = np.zeros(round(rng.uniform(*world.dwell) * FINE))
+        legs.append((still, still > 0, 0))
 
-    legs: list[tuple[np.ndarray, np.ndarray | bool, int]] = [(rest(), False, 0)]
+    rest()
     for motion in range(world.motions):
         speed = np.exp(rng.uniform(*np.log(world.speeds))) * (1 if motion % 2 == 0 else -1)
         legs.append((*_leg(world, speed, rng), motion // 2 % world.joints + 1))
         if not (world.reversal and motion % 2 == 0):
-            legs.append((rest(), False, 0))
-    velocity, is_run, joint = zip(*legs, strict=True)
-    return _sampled(world, rng, (np.concatenate(velocity), _spread(is_run, velocity), _spread(joint, velocity)))
-
-
-def _sampled(world: World, rng: np.random.Generator, course: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Truth:
-    v, is_run, moving = course
+            rest()
+    v, is_run = (np.concatenate([leg[k] for leg in legs]) for k in (0, 1))
+    moving = np.repeat([leg[2] for leg in legs], [len(leg[0]) for leg in legs])
     fine_v = np.zeros((len(v), world.joints))
     fine_v[np.arange(len(v)), np.maximum(moving - 1, 0)] = v
     if world.creep:
@@ -165,16 +164,16 @@ def _sampled(world: World, rng: np.random.Generator, course: tuple[np.ndarray, n
     time = np.arange(0, len(v) / FINE - 1 / world.rate, 1 / world.rate)
     time = time + world.jitter / world.rate * rng.uniform(-0.5, 0.5, len(time))
     index = np.clip(np.round(time * FINE).astype(int), 0, len(v) - 1)
-    run = np.cumsum(np.diff(is_run.astype(int), prepend=0) == 1)
-    number = np.where(is_run[index], run[index], -1)
+    number = np.where(is_run, np.cumsum(np.diff(is_run.astype(int), prepend=0) == 1), -1)[index]
     logged = np.ones(len(time), bool)
-    if world.gap:
-        for k in np.unique(number[number >= 0])[::3]:
-            middle = int(np.median(np.flatnonzero(number == k)))
-            logged[middle : middle + max(6, round(0.12 * world.rate))] = False
-    joint = np.where(is_run[index], moving[index], 0)
-    fine = fine_q, fine_v, np.gradient(v) * FINE, moving
-    return _measured(world, rng, (time[logged], index[logged], joint[logged], number[logged]), fine)
+    for k in np.unique(number[number >= 0])[::3] if world.gap else ():
+        middle = int(np.median(np.flatnonzero(number == k)))
+        logged[middle : middle + max(6, round(0.12 * world.rate))] = False
+    time, index, number = time[logged], index[logged], number[logged]
+    inertia = INERTIA * np.gradient(v)[index] * FINE
+    signals = fine_q[index], fine_v[index], moving[index]
+    logs, noise = _logs(world, rng, time, signals=signals, inertia=inertia)
+    return Truth(np.where(is_run, moving, 0)[index], number, inertia, noise, logs)
 
 
 def _twitches(fine_v: np.ndarray, moving: np.ndarray, world: World) -> np.ndarray:
@@ -182,43 +181,36 @@ def _twitches(fine_v: np.ndarray, moving: np.ndarray, world: World) -> np.ndarra
     where = np.zeros(len(moving), bool)
     borders = np.flatnonzero(np.diff(np.concatenate([[0], moving, [0]])))
     for a, b in pairwise(borders):
-        if moving[a] == 0 or b - a < FINE:
-            continue
-        middle, size = (a + b) // 2, round(0.15 * FINE)
-        x = np.linspace(0, 1, size)
-        fine_v[middle : middle + size, moving[a] % world.joints] += 0.3 * np.sin(2 * np.pi * x)
-        where[middle : middle + size] = True
+        if moving[a] and b - a >= FINE:
+            middle, size = (a + b) // 2, round(0.15 * FINE)
+            jerk = 0.3 * np.sin(2 * np.pi * np.linspace(0, 1, size))
+            fine_v[middle : middle + size, moving[a] % world.joints] += jerk
+            where[middle : middle + size] = True
     return where
 
 
-def _measured(world: World, rng: np.random.Generator, samples: tuple, fine: tuple) -> Truth:
-    """Disturbed and quantised logs of the samples (time, index, joint in a run, run) of a fine course."""
-    time, index, truth, number = samples
-    fine_q, fine_v, acceleration, moving = fine
-    q, v, joint = fine_q[index], fine_v[index], moving[index]
-    own = np.maximum(joint - 1, 0)
-    every = np.arange(len(time))
-    s, speed = np.sign(v[every, own]), v[every, own]
-    inertia = INERTIA * acceleration[index]
-    signal = LOAD * np.cos(q[every, own]) * (not world.prismatic) + COULOMB * s + VISCOUS * speed
-    sigma = float(np.sqrt(np.mean(signal[joint > 0] ** 2))) / world.signal_to_noise
-    noise = _correlated(rng, (len(time), world.joints), sigma, np.exp(-1 / (world.rate * world.noise_time)))
-    current = noise + LOAD * np.cos(q) * (not world.prismatic)
-    current[every, own] += np.where(joint > 0, COULOMB * s + VISCOUS * speed + inertia, 0.0)
+def _logs(
+    world: World, rng: np.random.Generator, time: np.ndarray, *, signals: tuple, inertia: np.ndarray
+) -> tuple[list[Log], np.ndarray]:
+    """Disturbed and quantised logs of positions, velocities and moving joints; noise of the moving joint's current."""
+    q, v, joint = signals
+    moving = np.arange(len(time)), np.maximum(joint - 1, 0)
+    friction = COULOMB * np.sign(v[moving]) + VISCOUS * v[moving]
+    weight = LOAD * np.cos(q) * (not world.prismatic)
+    sigma = np.sqrt(np.mean((weight[moving] + friction)[joint > 0] ** 2)) / world.signal_to_noise
+    memory = np.exp(-1 / (world.rate * world.noise_time))
+    white = rng.standard_normal(q.shape) * sigma * np.sqrt(1 - memory**2)
+    noise = lfilter([1.0], [1.0, -memory], white, axis=0)
+    current = noise + weight
+    current[moving] += np.where(joint > 0, friction + inertia, 0.0)
     position = q + world.position_noise * rng.standard_normal(q.shape)
     if world.quantum:
         position = np.round(position / world.quantum) * world.quantum
-    column = np.round(v / 0.02) * 0.02
-    out = Truth(truth, number, inertia, noise[every, own], speed)
+    columns, logs = (time, position, np.round(v / 0.02) * 0.02, current), []
     for file, part in enumerate(np.array_split(np.arange(len(time)), world.files)):
-        rows, columns = np.arange(len(part)) + 2, (time[part], position[part], column[part], current[part])
-        out.logs.append(Log(f"log_{file}.csv", rows, *columns, starts_clock=file == 0))
-    return out
-
-
-def _correlated(rng: np.random.Generator, shape: tuple[int, int], sigma: float, memory: float) -> np.ndarray:
-    white = rng.standard_normal(shape) * sigma * np.sqrt(1 - memory**2)
-    return np.asarray(lfilter([1.0], [1.0, -memory], white, axis=0))
+        values = (column[part] for column in columns)
+        logs.append(Log(f"log_{file}.csv", np.arange(len(part)) + 2, *values, starts_clock=file == 0))
+    return logs, noise[moving]
 
 
 @dataclass
@@ -232,7 +224,8 @@ class Score:
 
 
 def score(truth: Truth, dataset) -> Score:
-    """Compare what was kept with the truth, sample by sample, through files and rows."""
+    """Compare what was kept with the truth, sample by sample; bias is by inertia in the runs, of Coulomb and viscous
+    friction."""
     starts = np.cumsum([0, *(len(log) for log in truth.logs[:-1])]).tolist()
     offsets = {log.origin: start for log, start in zip(truth.logs, starts, strict=True)}
     kept, rows = np.zeros(len(truth.joint), int), []
@@ -241,21 +234,14 @@ def score(truth: Truth, dataset) -> Score:
         if run.kind == "constant":
             kept[part] = run.joint
             rows.append((run.joint, run.direction, run.speed, truth.inertia[part].mean(), truth.noise[part].mean()))
-    right = int(((kept == truth.joint) & (kept > 0)).sum())
-    return Score(int((truth.joint > 0).sum()), right, len(rows), _bias(rows))
-
-
-def _bias(rows: list[tuple[int, int, float, float, float]]) -> float:
-    """Largest bias of Coulomb and viscous friction by inertia in the runs, in standard errors of the means' noise."""
-    table = np.array(rows).reshape(-1, 5)
-    worst = 0.0
+    table, worst = np.array(rows).reshape(-1, 5), 0.0
     spread = np.sqrt(np.mean(table[:, 4] ** 2)) if len(table) else 1.0
     for joint in np.unique(table[:, 0]):
         part = table[table[:, 0] == joint]
         columns = np.column_stack([part[:, 1] > 0, part[:, 1] < 0, part[:, 2]]).astype(float)
-        if len(part) < 4:
-            continue
-        cov = np.linalg.pinv(columns.T @ columns)
-        bias = cov @ columns.T @ part[:, 3]
-        worst = max(worst, float(np.max(np.abs(bias) / (spread * np.sqrt(np.diag(cov))))))
-    return worst
+        if len(part) >= 4:
+            cov = np.linalg.pinv(columns.T @ columns)
+            bias = cov @ columns.T @ part[:, 3]
+            worst = max(worst, float(np.max(np.abs(bias) / (spread * np.sqrt(np.diag(cov))))))
+    right = int(((kept == truth.joint) & (kept > 0)).sum())
+    return Score(int((truth.joint > 0).sum()), right, len(rows), worst)
