@@ -224,7 +224,7 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
         raise LogError("no-cluster", what, where, "pip install 'pumaid[dask]'") from error
     for name in ("distributed", "tornado", "asyncio"):  # a cluster that ends logs it as tracebacks
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    local = {"n_workers": jobs or None, "threads_per_worker": 1, "dashboard_address": None}
+    local = {"n_workers": jobs or None, "threads_per_worker": 1, "dashboard_address": ":0"}
     with ExitStack() as stack:
         try:
             place: Any = address
