@@ -135,7 +135,8 @@ class EffectTerm:
         columns = [np.where(size > ROUNDING * size.max(initial=0.0), linear, 0.0)]
         for name, facts in self.shapes(robot).items() if self.fitted else ():
             if name in self.fitted:
-                low, high = step_of(facts, self.shape[name])
+                step = STEP * scale_of(facts, self.shape[name])
+                low, high = max(self.shape[name] - step, facts.low), min(self.shape[name] + step, facts.high)
                 ends = [self.linear(robot, samples, {**self.shape, name: end}) for end in (low, high)]
                 rise = (ends[1] - ends[0]) @ (np.array(self.sizes) if self.sizes else np.zeros(linear.shape[1]))
                 columns.append((rise / (high - low))[:, None])
@@ -159,27 +160,15 @@ def columns_each(terms: Sequence[EffectTerm], robot: Robot, samples: Samples) ->
 
 def scale_of(shape: Shape, value: float) -> float:
     """What counts as not knowing a shape: a quarter of its range, or the value itself where it cannot be negative."""
-    spread = 0.25 * (shape.high - shape.low) if np.isfinite(shape.high - shape.low) else np.inf
-    if shape.low >= 0.0 and value > 0.0:
-        spread = min(spread, value)
+    spread = min(0.25 * (shape.high - shape.low), value if shape.low >= 0.0 and value > 0.0 else np.inf)
     return float(spread) if np.isfinite(spread) else max(abs(value), 1.0)
-
-
-def step_of(shape: Shape, value: float) -> tuple[float, float]:
-    """Two values about `value`, within bounds, between which a derivative is taken."""
-    step = STEP * scale_of(shape, value)
-    return max(value - step, shape.low), min(value + step, shape.high)
 
 
 def marked(terms: Iterable[EffectTerm]) -> tuple[EffectTerm, ...]:
     """Terms with the marks that tell those of one effect at one joint apart."""
-    keys: list[tuple[str, int | None]] = []
-    out = []
-    for term in terms:
-        keys.append(term.key)
-        times = keys.count(term.key)
-        out.append(replace(term, mark=f"_{times}" if times > 1 else ""))
-    return tuple(out)
+    terms = tuple(terms)
+    times = [sum(other.key == term.key for other in terms[: n + 1]) for n, term in enumerate(terms)]
+    return tuple(replace(term, mark=f"_{k}" if k > 1 else "") for term, k in zip(terms, times, strict=True))
 
 
 def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
@@ -261,10 +250,9 @@ def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[
         or (named.shape and dict(named.shape) != dict(choice.shape))
     )
     if len(rest) == len(choices):
-        there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices)
-        mend = f"the recipe switches on: {there or 'none'}"
-        what = f"the model would not have {text} anyway"
-        raise ModelError("effect-not-there", what, Where(field=f"--remove {text}"), mend)
+        there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices) or "none"
+        what, where = f"the model would not have {text} anyway", Where(field=f"--remove {text}")
+        raise ModelError("effect-not-there", what, where, f"the recipe switches on: {there}")
     return rest
 
 

@@ -17,19 +17,11 @@ IDENTIFIED, GIVEN, NOT_IDENTIFIABLE = "identified", "given", "not_identifiable"
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One parameter.
+    """One parameter, SI in `unit`, of a joint or link (from 1; None: the whole arm); numbers None where not identified.
 
-    Attributes
-    ----------
-    name, symbol
-        ``gravity.l3.x``, ``coulomb.j1.plus``, ``gain_ratio.2.3`` ..., and the paper's short name, ``k3x``.
-    joint
-        Joint or link that owns it, from 1; None for one of the whole arm.
-    value, std_error, ci95, dof
-        SI, in `unit`; None where not identifiable. `dof` are the degrees of freedom behind the interval.
-    state, reason, next_run
-        ``identified``, ``given`` or ``not_identifiable``; why it is not identifiable, and the run that would show it,
-        in words, None where nothing would or nothing need.
+    `name` is as in ``gravity.l3.x``, ``gain_ratio.2.3``, `symbol` the paper's short name (``k3x``); `dof` are the
+    degrees of freedom behind the interval. `state` is ``identified``, ``given`` or ``not_identifiable``; then `reason`
+    says why, and `next_run` which run would show it, None where nothing would or nothing need.
     """
 
     name: str
@@ -81,32 +73,17 @@ class JointFit:
 class Estimate:
     """A fitted model.
 
-    Attributes
-    ----------
-    robot, recipe_digest, origin
-        Name, SHA-256 and file name of the recipe.
-    effects
-        Physics beyond the paper's model that is in it, shapes filled in.
-    values, combinations
-        Every parameter and neighbour ratio, identified or not; sums that are determined where their terms are not.
-    names, solution, covariance
-        (p,) all linear parameters of the model, their minimum-norm solution and covariance (p, p): for prediction.
-    scales
-        (J, J): row i, column j the factor eta_i/eta_j by which link j's parameters act in joint i's current;
-        NaN where it is not determined, 1 on the diagonal, 0 where j < i.
-    blind
-        (p, b) directions in which the data do not determine `solution`, each as long as its parameters are plausibly
-        large (as much as their joint's RMS current): a row of regressors, ratios included, times this is the current
-        (A) by which a prediction may be off, beyond its covariance.
-    stroke_postures
-        Positions (J,) at which the other joints were held, with the moving joint's number, one a group that has its own
-        inertia: ``J1``, ``J2`` ... of a joint in this order.
-    recursive, method
-        The recursion's own values, before the joint refinement, and which is shown: ``"joint"`` or ``"recursive"``.
-    logs
-        Name -> SHA-256 of the logs that were fitted.
-    heldout
-        RMSE (A) over all runs that were kept for judging, None without.
+    `robot`, `recipe_digest` and `origin` are name, SHA-256 and file name of the recipe; `effects` physics beyond the
+    paper's model, shapes filled in. `values` has every parameter and neighbour ratio, identified or not, `combinations`
+    sums that are determined where their terms are not, `recursive` the recursion's own values, before the joint
+    refinement; `method`, ``"joint"`` or ``"recursive"``, says which are shown. For prediction there are all p linear
+    parameters' `names`, minimum-norm `solution` and `covariance` (p, p), and `scales` (J, J): row i, column j the
+    factor eta_i/eta_j by which link j's parameters act in joint i's current; NaN where it is not determined, 1 on the
+    diagonal, 0 where j < i. `blind` (p, b) are directions in which the data do not determine `solution`, as long as
+    their parameters are plausibly large (as much as their joint's RMS current): a row of regressors, ratios included,
+    times this is the current (A) by which a prediction may be off, beyond its covariance. `stroke_postures` has the
+    moving joint and the positions (J,) of the others, one a group that has its own inertia, ``J1``, ``J2`` ... in this
+    order. `logs` maps names to SHA-256; `heldout` is the RMSE (A) over all runs that were kept for judging.
     """
 
     robot: str

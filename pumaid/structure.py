@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -70,23 +71,21 @@ def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], se
         for root, is_sure in zip(roots, sure[len(owned) :], strict=True):
             if is_sure:
                 recursion.gains.merge(row, root, float(rng.uniform(0.5, 2.0)))
-    redundant = {
-        (i, i + 1): _why_redundant(robot, i) for i in range(1, n) if not np.isfinite(recursion.gains.ratio(i - 1, i))
-    }
+    redundant = {}
+    for inner, outer in itertools.pairwise(joints):
+        if not np.isfinite(recursion.gains.ratio(inner.number - 1, outer.number - 1)):
+            why = f"joint {inner.number} ({inner.name}) does not feel the weight that joint {outer.number}"
+            redundant[inner.number, outer.number] = f"{why} ({outer.name}) carries, in any posture"
     return Structure(absent, tuple(sorted(embodied)), redundant)
 
 
 def _random_rows(robot: Robot, row: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Gravity regressors (N, p) of one row at random postures, and directions of motion (N,)."""
-    gravity, joint = catalogue()["gravity"], row + 1
+    gravity, links = catalogue()["gravity"], range(1, robot.n_joints + 1)
     position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
-    samples = Samples(joint, position, np.zeros_like(position))
-    blocks = []
-    for link in range(1, robot.n_joints + 1):
-        if link < joint:
-            blocks.append(np.zeros((POSTURES, len(gravity.parameters(robot, link)))))
-        else:
-            blocks.append(gravity.columns(robot, samples, number=link))
+    samples = Samples(row + 1, position, np.zeros_like(position))
+    felt = gravity.columns_of(robot, samples, links[row:])
+    blocks = [felt.get(link, np.zeros((POSTURES, len(gravity.parameters(robot, link))))) for link in links]
     return np.hstack(blocks), rng.choice([-1.0, 1.0], POSTURES)
 
 
@@ -106,10 +105,3 @@ def _why_absent(robot: Robot, link: int, constant: bool) -> str:
             f" friction and is part of coulomb.j{link}.plus and .minus"
         )
     return f"{name} stays perpendicular to gravity in every posture and so carries no weight"
-
-
-def _why_redundant(robot: Robot, joint: int) -> str:
-    return (
-        f"joint {joint} ({robot.joint(joint).name}) does not feel the weight that joint {joint + 1}"
-        f" ({robot.joint(joint + 1).name}) carries, in any posture"
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import __version__
-from pumaid.dataset import Campaign, Dataset, Run
+from pumaid.dataset import Campaign, Dataset
 from pumaid.effect_spec import expanded
 from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
@@ -49,7 +50,11 @@ def identify(
     choices = expanded(robot.effects if effects is None else effects, robot)
     runs = tuple(run for run in dataset.runs if not run.heldout)
     if not runs:
-        raise _no_runs(dataset)
+        number = len(dataset.runs) or len(dataset.rejects)
+        what = f"{number} runs, all held out" if dataset.runs else f"{number} stretches left out"
+        where = Where(file=dataset.files[0].name if dataset.files else None)
+        mend = "see why with: pumaid segment LOGS --rejects"
+        raise LogError("no-runs", f"there is no run to fit ({what})", where, mend)
     model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
     # Runs from rest to rest have brought their joint's inertia into the model already.
     moved = {joint for joint, _ in model.stroke_postures}
@@ -104,14 +109,6 @@ def _estimate(
         origin=model.robot.origin,
         version=__version__,
     )
-
-
-def _no_runs(dataset: Dataset) -> LogError:
-    number = len(dataset.runs) or len(dataset.rejects)
-    what = f"{number} runs, all held out" if dataset.runs else f"{number} stretches left out"
-    where = Where(file=dataset.files[0].name if dataset.files else None)
-    mend = "see why with: pumaid segment LOGS --rejects"
-    return LogError("no-runs", f"there is no run to fit ({what})", where, mend)
 
 
 def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence[Value]) -> list[Value]:
@@ -186,13 +183,7 @@ def _joint_fit(result: EffectFit, joint: int, covered: JointCoverage, prediction
         noise_floor_reason=unknown,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
         posture_groups=covered.postures,
-        kinds=_kinds(runs),
+        kinds=dict(sorted(Counter(run.kind for run in runs).items())),
         heldout_runs=heldout_runs,
         heldout=heldout,
     )
-
-
-def _kinds(runs: Sequence[Run]) -> dict[str, int]:
-    """Kind -> number of runs."""
-    kinds = [run.kind for run in runs]
-    return {kind: kinds.count(kind) for kind in sorted(set(kinds))}

@@ -82,20 +82,17 @@ def fit_bins(
     rows = tuple(_row(model, part, before) for part in sorted(bins, key=lambda part: -part.joint))
     assigned = assign(model, [row.joint for row in rows])
     owners, limit = owners_of(model, assigned), limits(rows, model)
-    recursion = _Beginning(model, owners)
-    for row in rows:
-        tell(row.joint, "solving")
-        recursion.take(row, limit)
-    levels, paper = recursion.levels, recursion.paper
+    paper, start, levels, weak = _recursions(model, rows, owners, limit, tell=tell)
     system, prior = system_of(rows, levels, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
     solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
-    first = Fit(model, rows, assigned, levels, tuple(recursion.weak), system, solution, prior, limit)
-    first = replace(first, absorbed=_absorbed(paper, recursion.is_load))
+    first = Fit(model, rows, assigned, levels, tuple(weak), system, solution, prior, limit)
+    is_load = np.array([column.effect == "gravity" for column in model.columns])
+    first = replace(first, absorbed=_absorbed(paper, is_load))
     fitted = replace(first, first=first)
     if recursive:
         return fitted
     tell(0, "refining all joints together")
-    return _refined(fitted, recursion.joint)
+    return _refined(fitted, start)
 
 
 def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel | None = None) -> Row:
@@ -110,44 +107,36 @@ def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel
     return Row.of(bins, design, inner, slow=slow)
 
 
-class _Beginning:
-    """The paper's recursion, and one whose weakly shown ratios cannot run off, which starts the joint fit."""
-
-    def __init__(self, model: Model, owners: Counts) -> None:
-        columns = model.columns
-        solved = np.where([column.shape is not None or column.effect == DELAY for column in columns], -1, owners)
-        self.paper, self.joint = (Recursion(solved, model.robot.n_joints) for _ in range(2))
-        self.is_load = np.array([column.effect == "gravity" for column in columns])
-        self.levels: dict[int, Levels] = {}
-        self.weak: list[int] = []
-
-    def take(self, row: Row, limit: Floats) -> None:
-        """Solve one row; every later row that has data must have been taken."""
-        design, _, _ = self.joint.design(row.joint - 1, row.stacked)
-        design = design.reshape(*row.target.shape, -1)
-        levels = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.bins.is_stroke)
-        if levels is None:
-            self.weak.append(row.joint)
-            levels = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
-        self.levels[row.joint] = floored(levels, row)
-        white = row.whitened(self.levels[row.joint], row.joined)
-        self.paper.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit)
-        self.joint.take(row.joint - 1, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
-        self._unstretch(row.joint - 1)
-
-    def _unstretch(self, row: int) -> None:
-        """Where only the product of a ratio and its load is known, share it out so that the ratio is a usual one.
-
-        The load's own row cannot tell it (from friction, say) and gave it any size, perhaps next to none.
-        """
-        start, gains = self.joint, self.joint.gains
-        for root in [
-            edge for edge in gains.edges if gains.parent[edge] == row and abs(gains.edge[edge]) > RATIO_SPREAD
-        ]:
-            load = np.isin(start.owners, gains.subtree(root)) & self.is_load
+def _recursions(
+    model: Model, rows: Sequence[Row], owners: Counts, limit: Floats, *, tell: Progress
+) -> tuple[Recursion, Recursion, dict[int, Levels], list[int]]:
+    """The paper's recursion, one whose weakly shown ratios cannot run off, the noise by joint, and weak joints."""
+    columns = model.columns
+    solved = np.where([column.shape is not None or column.effect == DELAY for column in columns], -1, owners)
+    paper, start = (Recursion(solved, model.robot.n_joints) for _ in range(2))
+    is_load = np.array([column.effect == "gravity" for column in columns])
+    levels, weak = dict[int, Levels](), []
+    for row in rows:
+        tell(row.joint, "solving")
+        number = row.joint - 1
+        design = start.design(number, row.stacked)[0].reshape(*row.target.shape, -1)
+        estimated = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.bins.is_stroke)
+        if estimated is None:
+            weak.append(row.joint)
+            estimated = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
+        levels[row.joint] = floored(estimated, row)
+        white = row.whitened(levels[row.joint], row.joined)
+        paper.take(number, white[:, :-1], white[:, -1], limit=limit)
+        start.take(number, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
+        # Where only the product of a ratio and its load is known, it is shared out so that the ratio is a usual one:
+        # the load's own row cannot tell it (from friction, say) and gave it any size, perhaps next to none.
+        gains = start.gains
+        for root in [n for n in gains.edges if gains.parent[n] == number and abs(gains.edge[n]) > RATIO_SPREAD]:
+            load = np.isin(solved, gains.subtree(root)) & is_load
             if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
                 start.values[load] *= gains.edge[root]
                 gains.edge[root] = USUAL_RATIO
+    return paper, start, levels, weak
 
 
 def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, list[tuple[int, int]]]:
@@ -224,11 +213,6 @@ def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
     """A fit weighted by what repeated runs differ by, where there are enough of them, as tests of effects need it."""
     first = fit_bins(model, bins)
     return refit(first, model, noise={row.bins.joint: noises.noise_of(row.bins, row.misfit) for row in first.joints})
-
-
-def releveled(fitted: Fit) -> Fit:
-    """With each joint's noise as it is now that effects are in the model; the next fit is weighted by it."""
-    return replace(fitted, levels=fitted.levels | levels_of(fitted))
 
 
 def eased(fitted: Fit) -> Fit:
@@ -340,13 +324,12 @@ def system_of(rows: Sequence[Row], levels: Mapping[int, Levels], owners: Counts)
     return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
 
 
-def levels_of(fitted: Fit) -> dict[int, Levels]:
-    """Each joint's noise from what the fit leaves; without joints whose runs are too few to tell.
+def releveled(fitted: Fit) -> Fit:
+    """With each joint's noise as the fit leaves it, where its runs are enough to tell; the next is weighted by it.
 
-    What priors keep from fitting is left here, too: they count as equations of one run more, with the noise that
-    `levels` has.
+    What priors keep from fitting is left here, too: they count as equations of one run more, with the noise so far.
     """
-    out, values, gains, owners = dict[int, Levels](), fitted.values, fitted.gains, fitted.system.owners
+    out, values, gains, owners = dict(fitted.levels), fitted.values, fitted.gains, fitted.system.owners
     for row in fitted.rows:
         plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
         edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
@@ -364,7 +347,7 @@ def levels_of(fitted: Fit) -> dict[int, Levels]:
         estimated = noises.estimate(ones, design, residual, counts=counts, is_loud=is_stroke)
         if estimated is not None:
             out[row.joint] = floored(estimated, row)
-    return out
+    return replace(fitted, levels=out)
 
 
 def floored(levels: Levels, row: Row) -> Levels:

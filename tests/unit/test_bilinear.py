@@ -54,15 +54,6 @@ def test_a_load_that_looks_like_the_rows_own_is_named():
     assert found.values == pytest.approx([7.0, 4.0, 3.0])
 
 
-def test_two_loads_that_look_alike_leave_both_ratios_open():
-    """Where two clusters press a row in the same way only a sum is felt, and both ratios are named."""
-    a, b = RNG.normal(size=(30, 1)), RNG.normal(size=(30, 1))
-    none = np.zeros((30, 1))
-    blocks = [np.hstack([a, b, 2.0 * b]), np.hstack([none, b, none]), np.hstack([none, none, b])]
-    found = solved([0, 1, 2], blocks, values=np.array([1.0, 2.0, 3.0]), gains=[1.0, 2.0, 4.0])
-    assert found.redundant == [(0, 1), (0, 2)] and not found.undetermined.any()
-
-
 def test_rounding_of_a_load_is_no_column():
     """A nu that cancels but for rounding does not enter the row."""
     b = RNG.normal(size=(30, 1))

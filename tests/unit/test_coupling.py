@@ -58,14 +58,6 @@ def test_a_joint_that_moves_alone_drives_its_own_friction_at_its_own_speed():
         assert np.all(ARM.shaft_velocity(qd)[0, :joint] == 0.0)
 
 
-def test_without_coupling_motors_turn_with_their_joints():
-    """The velocities come back as they are, whatever the gears."""
-    bare = replace(ARM, coupling={})
-    qd = np.random.default_rng(4).normal(size=(5, 6))
-    assert np.array_equal(bare.shaft_velocity(qd), qd)
-    assert np.array_equal(bare.shaft_speeds, np.eye(6))
-
-
 def test_a_recipe_states_the_coupling(tmp_path):
     """Names of one digit run together, longer ones are parted by a bar."""
     robot = read_recipe(recipe(tmp_path, "{r54: 0.0139, r65: -0.18, r12_9: 0.5}", GEARED * 12))

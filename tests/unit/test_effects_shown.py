@@ -46,13 +46,6 @@ def test_signature_is_against_its_own_variable():
     }
 
 
-def test_signature_knows_what_friction_is():
-    """Friction turns round with the motion, a spring does not."""
-    friction, spring = signature(catalogue()["stribeck"]), signature(catalogue()["spring"])
-    assert np.allclose(friction.forward, -friction.backward)
-    assert np.allclose(spring.forward, spring.backward)
-
-
 def test_a_ripple_shows_three_periods():
     """The range follows the effect's frequency: three periods, so five or six changes of sign."""
     forward = signature(catalogue()["ripple"]).forward

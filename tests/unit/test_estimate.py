@@ -27,7 +27,6 @@ from pumaid.diagnosis.compare import compare
 from pumaid.errors import LogError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.model import Model
 from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench, Truth, table1
 from pumaid.simulation.hidden_effects import parse
@@ -184,25 +183,6 @@ def test_a_single_run(joint):
     assert all(value.reason for value in estimate.values if value.state != "identified")
     assert [note.slug for note in estimate.notes] == ["few-runs"]
     assert misfit(estimate) < 2.0 * truth.noise.std[joint - 1]
-
-
-def test_tiny_spans():
-    """Joints that hardly travel identify nothing wrong; what friction hides of weight is said."""
-    truth, runs = drawn(PENDULUM, noisy=False), []
-    for joint, hold in ((1, (0.0, 0.2)), (1, (0.0, 1.4)), (2, (0.3, 0.0)), (2, (-0.9, 0.0))):
-        for speed in (0.004, -0.004, 0.012, -0.012):
-            moves = course("constant", 0.5 - speed, 0.5 + speed)
-            position = np.tile(hold, (200, 1))
-            position[:, joint - 1] = moves[1]
-            current = truth.gravity_current(position)[:, joint - 1] + truth.friction.current(joint, moves[2])
-            noise = 0.02 * np.random.default_rng(len(runs)).normal(size=200)
-            runs.append(run_of(PENDULUM, joint, hold, course=moves, current=current + noise))
-    estimate = identify(Dataset(tuple(runs)), PENDULUM)
-    known = truth.parameters()
-    far = [v.name for v in estimate.values if v.value is not None and abs(v.value - known[v.name]) > 5 * v.std_error]
-    assert far == [] and misfit(estimate) < 0.03
-    assert estimate.value("gravity.l1.x").state == "not_identifiable"
-    assert estimate.value("gravity.l1.x").next_run
 
 
 def test_nothing_but_held_out_runs():
@@ -365,20 +345,6 @@ def test_what_passes_for_gravity_is_not_identifiable():
     assert told.value == pytest.approx(mean / (1.0 + off), abs=4.0 * told.std_error)
 
 
-def test_compare_says_what_identify_said():
-    """An estimate is all that is needed to predict with its effects: errors agree joint by joint.
-
-    To a thousandth where an effect is made from loads: those of the estimate are one step further than the fit's.
-    """
-    _, dataset = hiding("torque_droop@1")
-    choices = [EffectChoice("torque_droop", 1), EffectChoice("ripple", 2, {"frequency": 12.0})]
-    estimate = identify(dataset, PENDULUM, effects=choices)
-    comparison = compare(estimate, dataset, PENDULUM)
-    assert Model.of_estimate(PENDULUM, estimate).names == estimate.names
-    for joint in (1, 2):
-        assert comparison.joints[joint - 1].rmse == pytest.approx(estimate.joint(joint).rmse, rel=1e-3)
-
-
 def test_held_out_runs_are_judged_and_not_fitted():
     """However wrong they are, they move nothing; their error is told for each joint and is what compare says."""
     _, dataset = hiding("spring@1")
@@ -390,7 +356,7 @@ def test_held_out_runs_are_judged_and_not_fitted():
     for joint in (1, 2):
         ours, theirs = estimate.joint(joint), comparison.joints[joint - 1]
         assert ours.heldout_runs == theirs.heldout_runs > 0
-        assert ours.heldout == pytest.approx(theirs.heldout, rel=1e-9)
+        assert [ours.heldout, ours.rmse] == pytest.approx([theirs.heldout, theirs.rmse], rel=1e-9)
     assert estimate.joint(1).heldout < 0.5 * without.joint(1).heldout
     spoilt = [replace(run, bins=replace(run.bins, current=10.0 * run.bins.current)) for run in held.runs if run.heldout]
     fitted = [run for run in held.runs if not run.heldout]

@@ -31,17 +31,6 @@ def test_links_of_unmoved_joints_are_in_an_inner_gain(moving, wanted):
     assert assign(Model(STANFORD), moving).tolist() == wanted
 
 
-def test_levels_of_runs_are_found():
-    """The level that a run shares is estimated without bias from 72 runs of one joint."""
-    truth, found = drawn(CRANE), []
-    bench = Bench(truth, only(experiment(CRANE, repeats=4), lambda motion: motion.joint == 3), rate=50.0)
-    for seed in range(8):
-        runs = bench.runs(np.random.default_rng(seed))
-        found.append(fit_runs(CRANE, runs).levels[3].level)
-    # 72 runs know a variance to 18 %, eight experiments to 6 %; four of these.
-    assert np.mean(found) == pytest.approx(truth.noise.level_std[2] ** 2, rel=0.25)
-
-
 def test_weights_are_each_joints_own():
     """A noisy joint does not loosen what a quiet one says of its own friction."""
     truth = drawn(CRANE)

@@ -116,16 +116,6 @@ def by_text(estimate) -> dict:
     return {total.text: total for total in estimate.combinations}
 
 
-def test_friction_at_one_speed():
-    """At one speed the current at that speed is told, each way, with its error, and is the truth's."""
-    found = by_text(identify(dataset(TRUTH, ONE_SPEED, seed=1), PENDULUM))
-    for joint, (sign, way, side) in product((1, 2), ((1, "forward", "plus"), (-1, "backward", "minus"))):
-        total = found[f"friction of joint {joint} {way}, at the one speed that was run"]
-        wanted = TRUTH.friction.current(joint, np.array([0.5 * sign]))[0]
-        assert abs(total.value - wanted) < 4 * total.std_error < 0.1
-        assert total.terms == pytest.approx({f"coulomb.j{joint}.{side}": 1.0, f"viscous.j{joint}.{side}": 0.5 * sign})
-
-
 def test_load_in_one_posture():
     """In one posture the whole weight on the inner joint is told at two positions, and a reader can add it up."""
     estimate = identify(dataset(TRUTH, ONE_POSTURE, seed=2), PENDULUM)
@@ -152,7 +142,7 @@ def test_errors_are_the_spread_of_values_and_sums(plan):
         entries = entries or [(value.name, value) for value in estimate.values if value.state == "identified"]
         told.append({name: (entry.value, entry.std_error) for name, entry in entries})
     texts = [text for text in told[0] if all(text in one for one in told)]
-    assert len(texts) >= (4 if plan in (ONE_POSTURE, ONE_SPEED) else 10)
+    assert len(texts) >= (1 if plan is ONE_POSTURE else 4)
     values = np.array([[one[text] for text in texts] for one in told])
     ratio = np.sqrt(np.mean(values[:, :, 1] ** 2, axis=0)) / values[:, :, 0].std(axis=0, ddof=1)
     # A spread over 30 is known to 13 %, and six runs a joint make the errors themselves uncertain by a third.

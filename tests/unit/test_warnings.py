@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import worlds
-from faulty import csv, good, invoke, make, slugs_of
+from faulty import csv, good, invoke, make
 
-from pumaid.dataset import Log
+from pumaid.dataset import Dataset, Log
 from pumaid.errors import ModelError
 from pumaid.estimate import Value
 from pumaid.estimation.estimate import identify
@@ -19,6 +20,8 @@ from pumaid.estimation.nonlinear import check_better
 from pumaid.estimation.warnings import of_signs
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
+from pumaid.robot import EffectChoice
+from pumaid.simulation.hidden_effects import parse
 
 
 def notes(folder: Path, tables) -> str:
@@ -45,7 +48,6 @@ def test_the_log_that_disagrees_is_named(tmp_path, place, share):
 #: Slugs, one of which tells -> what is wrong with a column.
 SIGNALS = {
     "current-copied": lambda table: table.assign(i2=table.i1),
-    "current-size": lambda table: table.assign(i1=1e3 * table.i1, i2=1e3 * table.i2),
     "clock-jitter": lambda table: table.assign(t=table.t + 0.01 * (table.index % 2)),
     "model-misses logs-disagree": lambda table: table.assign(i1=table.i1.abs()),
     # One sample in a hundred is far off: noise floor and misfit grow alike, and still it is said.
@@ -116,32 +118,19 @@ def test_a_fit_with_more_effects_that_is_worse_is_refused():
     assert refused.value.slug == "effects-astray" and refused.value.where.joint == 2
 
 
-@pytest.fixture(scope="module")
-def plan_of_joint_2(tmp_path_factory) -> Path:
-    """The runs of joint 2 of the plan that is proposed for a UR10e: a few long ones among many short ones."""
-    whole = tmp_path_factory.mktemp("plan") / "plan.yaml"
-    assert invoke("plan", "ur10e", "-o", str(whole)).exit_code == 0
-    lines = whole.read_text(encoding="utf-8").splitlines(keepends=True)
-    whole.write_text("".join(line for line in lines if "{joint:" not in line or "{joint: 2" in line), encoding="utf-8")
-    return whole
-
-
-def test_a_missing_spring_accuses_no_run(tmp_path, plan_of_joint_2):
-    """Where the model lacks a spring no long run stands out; with it in the model, one that met something does."""
-    (tmp_path / "recipe.yaml").write_text(shipped_recipes()["ur10e"].read_text(encoding="utf-8"), encoding="utf-8")
-    logs = tmp_path / "logs"
-    command = ["simulate", str(tmp_path / "recipe.yaml"), "--plan", str(plan_of_joint_2), "-o", str(logs)]
-    assert invoke(*command, "--hide", "spring@2", "--seed", "1", "--runs-per-file", "100").exit_code == 0
-    without = invoke("identify", str(logs))
-    assert "model-misses" in slugs_of(without.stderr) and "run-stands-out" not in slugs_of(without.stderr)
-    assert slugs_of(invoke("identify", str(logs), "--add", "spring@2").stderr) == {"joint-at-rest"}
-    (log,) = logs.glob("*.parquet")
-    table = pd.read_parquet(log)
-    position, current = (next(name for name in table if name.startswith(mark) and "2" in name) for mark in ("q", "i"))
-    fast = np.flatnonzero(np.abs(np.gradient(table[position], 0.004)) > 1.5)
-    table.loc[fast[40] : fast[40] + 100, current] += 0.8
-    table.to_parquet(log, index=False)
-    assert "run-stands-out" in slugs_of(invoke("identify", str(logs), "--add", "spring@2").stderr)
+def test_a_missing_spring_accuses_no_run():
+    """Where the model lacks a spring no run stands out; with it in the model, one that met something does."""
+    robot, spring = worlds.PENDULUM, [EffectChoice("spring", 2)]
+    truth = worlds.drawn(robot).hiding((parse("spring@2", robot),))
+    runs = worlds.dataset(truth, worlds.experiment(robot, speeds=(0.2, 0.5, 1.0), repeats=2)).runs
+    told = [note.slug for note in identify(Dataset(runs), robot).notes]
+    assert "model-misses" in told and "run-stands-out" not in told
+    assert identify(Dataset(runs), robot, effects=spring).notes == ()
+    last, size = runs[-1], len(runs[-1].bins) // 3
+    met = np.where(np.arange(len(last.bins)) < size, 20.0 * truth.noise.std[1], 0.0)
+    touched = replace(last, bins=replace(last.bins, current=last.bins.current + met))
+    (note,) = identify(Dataset((*runs[:-1], touched)), robot, effects=spring).notes
+    assert note.slug == "run-stands-out" and note.where.joint == last.joint
 
 
 PENDULUM = read_recipe(shipped_recipes()["pendulum2"])
