@@ -121,19 +121,20 @@ class Collision:
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         geometry = [self._model.geom(str(number)).id for number in range(len(shapes))]
+        # Moving shapes with boxes, and spheres with those of links that are not adjacent; without a stated tool the tip
+        # is the wrist's centre, which lies inside the wrist's own sphere.
         pairs = [
             (first, second)
             for first, outer in enumerate(shapes)
             for second, inner in enumerate(shapes)
-            if outer.link and (inner.is_box or (self._may_meet(outer, inner) and (safety.tool or first)))
+            if (inner.is_box and outer.link)
+            or (
+                outer.link > inner.link + 1 and (inner.link, outer.link) not in safety.ignore and (safety.tool or first)
+            )
         ]
         self._pairs = [(shapes[first], shapes[second]) for first, second in pairs]
         self._geometries = [(geometry[first], geometry[second]) for first, second in pairs]
         self._reach = np.array([self._lever(*pair) for pair in self._pairs])
-
-    def _may_meet(self, outer: Geometry, inner: Geometry) -> bool:
-        """Whether spheres are checked: those of links that are not adjacent, the inner first."""
-        return outer.link > inner.link + 1 and (inner.link, outer.link) not in self.safety.ignore
 
     def _lever(self, outer: Geometry, inner: Geometry) -> Floats:
         """(J,) m a rad, or m a m: how far each joint takes the outer shape at most, seen from the inner one."""

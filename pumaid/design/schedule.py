@@ -50,18 +50,16 @@ def schedule(
         is_first = [block is fastest.get(block.joint) for block in passes[0]]
         halves = [[b for b, first in zip(passes[0], is_first, strict=True) if first is half] for half in (True, False)]
         parts = [*halves, *passes[1:]]
-    parts = [[_shuffled(block, rng) for block in part] for part in parts if part]
+    parts = [part for part in parts if part]
     out: list[Motion] = []
     now: Sequence[float] | None = None
     for part, later in zip(parts, [*parts[1:], []], strict=True):
         order = _shortest(robot, part, [now, *(block.hold for block in later)], collision=collision, rng=rng)
-        out += [motion for k in order for motion in part[k].motions]
+        for block in (part[k] for k in order):
+            shuffled = tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps)))
+            out += replace(block, sweeps=shuffled).motions
         now = part[order[-1]].hold
     return tuple(out)
-
-
-def _shuffled(block: Block, rng: np.random.Generator) -> Block:
-    return replace(block, sweeps=tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps))))
 
 
 def _shortest(

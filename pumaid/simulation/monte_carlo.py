@@ -59,11 +59,8 @@ class Bench:
     def runs(self, rng: np.random.Generator) -> tuple[Run, ...]:
         """The runs of one more experiment, noise and levels drawn from `rng`."""
         noise = self.truth.noise
-        if np.any(noise.std > 0):
-            errors = noise.series(rng, (self.samples,), rate=self.rate, start=rng.standard_normal())
-            levels = rng.standard_normal(len(self._runs))
-        else:
-            errors, levels = np.zeros(self.samples), np.zeros(len(self._runs))
+        errors = noise.series(rng, (self.samples,), rate=self.rate, start=rng.standard_normal())
+        levels = rng.standard_normal(len(self._runs))
         out, first = [], 0
         for run, current, level in zip(self._runs, self._currents, levels, strict=True):
             j, error = run.joint - 1, errors[first : first + run.samples]

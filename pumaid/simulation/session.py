@@ -196,8 +196,8 @@ class _Session:
 
     def logs(self, runs_per_file: int, *, has_velocity: bool) -> Iterator[Log]:
         """Samples of one movement after the other; `origin` names the file."""
-        sample, row, origin = 0, 2, ""
-        step = self._truth.noise.current_step
+        sample, row, origin, truth, noise = 0, 2, "", self._truth, self._truth.noise
+        n, step = len(noise.std), noise.current_step
         for movement in self._movements:
             name = f"session_{(movement.number - 1) // runs_per_file + 1:02d}"
             row, origin = (row, origin) if name == origin else (2, name)
@@ -205,8 +205,18 @@ class _Session:
                 position, velocity, current, temperature = self._execute(movement)
             count = len(position)
             time = np.round((sample + np.arange(count)) / self._rate, 9)
-            self._check(time, position, current, origin)
-            current = self._delayed(self._bent(time, position, velocity, current)) + self._noise_of(count)
+            far = ~(np.abs(position) <= _FARTHEST) | ~(np.abs(current) <= _MOST)
+            if far.any():
+                k, j = np.argwhere(far)[0].tolist()
+                what = f"joint {j + 1} ({truth.robot.joint(j + 1).name}) ran away at {time[k]:.3g} s of {origin}"
+                mend = "make smaller what is out of proportion: hidden effects, coupling, or an edited truth"
+                raise ModelError("simulation-diverged", what, Where(joint=j + 1), mend)
+            arm = ArmState(time, self._first, position, velocity, *[np.zeros_like(current)] * 3)
+            bent = [whole(truth.hidden, JointState(arm, j + 1, 1.0), current[:, j]) for j in range(n)]
+            levels = noise.level_std * self._rng.standard_normal(n)
+            series = noise.series(self._rng, (count, n), rate=self._rate, start=self._noise)
+            self._noise = series[-1]
+            current = self._delayed(np.column_stack(bent)) + noise.sample_std * series + levels
             yield Log(
                 origin=origin,
                 rows=np.arange(row, row + count, dtype=np.int64),
@@ -246,28 +256,8 @@ class _Session:
         position, velocity, temperature = out
         return position, velocity, drawn, np.round(temperature / _TEMPERATURE_STEP) * _TEMPERATURE_STEP
 
-    def _check(self, time: Floats, position: Floats, current: Floats, origin: str) -> None:
-        """Whether the arm stays where an arm can be."""
-        far = ~(np.abs(position) <= _FARTHEST) | ~(np.abs(current) <= _MOST)
-        if far.any():
-            row, j = np.argwhere(far)[0]
-            joint = self._truth.robot.joint(int(j) + 1)
-            what = f"joint {joint.number} ({joint.name}) ran away at {time[row]:.3g} s of {origin}"
-            mend = "make smaller what is out of proportion: hidden effects, coupling, or an edited truth"
-            raise ModelError("simulation-diverged", what, Where(joint=joint.number), mend)
-
-    def _bent(self, time: Floats, position: Floats, velocity: Floats, current: Floats) -> Floats:
-        """(N, J) A after the laws of the whole current."""
-        if not self._truth.hidden:
-            return current
-        arm = ArmState(time, self._first, position, velocity, *[np.zeros_like(current)] * 3)
-        joints = [JointState(arm, j + 1, 1.0) for j in range(current.shape[1])]
-        return np.column_stack([whole(self._truth.hidden, joint, current[:, joint.joint - 1]) for joint in joints])
-
     def _delayed(self, current: Floats) -> Floats:
         """(N, J) A as they are stamped, late; the session's first sample stands for all before it."""
-        if not np.any(self._delays):
-            return current
         longest = int(np.ceil(np.max(self._delays) * self._rate)) + 1
         before = self._late if len(self._late) else np.tile(current[:1], (longest, 1))
         joined, out = np.concatenate([before, current]), current.copy()
@@ -276,12 +266,3 @@ class _Session:
             out[:, j] = np.interp(places - self._delays[j] * self._rate, np.arange(len(joined)), joined[:, j])
         self._late = joined[-longest:]
         return out
-
-    def _noise_of(self, count: int) -> Floats:
-        noise = self._truth.noise
-        levels = noise.level_std * self._rng.standard_normal(len(noise.std))
-        if not np.any(noise.std > 0):
-            return np.zeros((count, len(levels)))
-        series = noise.series(self._rng, (count, len(levels)), rate=self._rate, start=self._noise)
-        self._noise = series[-1]
-        return noise.sample_std * series + levels

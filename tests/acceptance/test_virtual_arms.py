@@ -29,7 +29,7 @@ def arm(name: str) -> Robot:
 
 
 #: Robots that no tuning saw.
-SEEDS = {"puma560": 104, "stanford": 111, "ur5e": 121}
+SEEDS = {"puma560": 104, "stanford": 111}
 
 
 @cache
@@ -45,13 +45,13 @@ def session(name: str) -> tuple[Plan, Dataset, np.ndarray]:
 
 
 def test_truth_is_found_through_logs():
-    """Parameters of three robots lie as far from the truth as their standard errors say, of each and of all."""
+    """Parameters of two robots lie as far from the truth as their standard errors say, of each and of all."""
     errors = [session(name)[2] for name in SEEDS]
-    # Some 38 parameters a robot, correlated in pairs, know their RMS to a fifth, three robots to an eighth; intervals
+    # Some 38 parameters a robot, correlated in pairs, know their RMS to a fifth, two robots to a seventh; intervals
     # of some twenty degrees of freedom leave 5 to 7 % beyond 2 standard errors, give or take 2.
     assert all(0.6 < np.sqrt(np.mean(off**2)) < 1.6 for off in errors)
     off = np.concatenate(errors)
-    assert 0.75 < np.sqrt(np.mean(off**2)) < 1.35
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     assert np.mean(np.abs(off) > 2.0) < 0.13
 
 
@@ -65,14 +65,14 @@ def test_planned_runs_are_found_and_held_out():
 
 
 def test_forecast_is_what_experiments_scatter():
-    """Over 60 experiments the joint estimate scatters by the predicted standard errors."""
+    """Over 40 experiments the joint estimate scatters by the predicted standard errors."""
     robot = arm("pendulum2")
     made, truth = plan(robot, minutes=6, seed=9), draw(robot, 105)
     names = [name for name in gravity_names(robot) if name not in minimal(robot).absent]
     promised = predicted_errors([truth], made.motions, names)
     bench, rng = Bench(truth, made, rate=50.0), np.random.default_rng(106)
-    found = [identify(Dataset(bench.runs(rng)), robot) for _ in range(60)]
-    # 60 experiments know a scatter to 9 %; three times that.
+    found = [identify(Dataset(bench.runs(rng)), robot) for _ in range(40)]
+    # 40 experiments know a scatter to 11 %; three times that.
     for name, error in promised.items():
         scatter = np.std([estimate.value(name).value for estimate in found])
-        assert scatter == pytest.approx(error, rel=0.28), name
+        assert scatter == pytest.approx(error, rel=0.34), name
