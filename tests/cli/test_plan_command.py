@@ -57,7 +57,7 @@ def test_a_tilted_arm_is_rehearsed_by_its_recipe(folder):
 
 
 def test_runs_for_an_effect(folder):
-    """--for adds runs of that joint to a short experiment; --size, --against and a shape are heard."""
+    """--for adds runs of that joint to a short experiment; --size, --against and --logs are heard."""
     base, more = document(*SHORT, "-o", "a.yaml"), document("--for", "stribeck@knee", *SHORT, "-o", "b.yaml")
     assert more["runs"][: len(base["runs"])] == base["runs"]
     assert {run["joint"] for run in more["runs"][len(base["runs"]) :]} == {2}
@@ -65,15 +65,7 @@ def test_runs_for_an_effect(folder):
     assert len(small["runs"]) > len(more["runs"])
     apart = document("--for", "stribeck@2", "--against", "viscous_power", *SHORT, "-o", "d.yaml")
     assert "from viscous_power@2" in apart["assumptions"][-1]
-
-
-def test_runs_for_an_effect_after_logs(folder):
-    """With --logs the plan holds the new runs only; --check of the first plan ends with 0 and writes nothing."""
-    run("plan", *SHORT)
-    before = sorted(path.name for path in folder.iterdir())
-    assert document("--check", "plan.yaml")["expected_std_errors"]
-    assert sorted(path.name for path in folder.iterdir()) == before
-    run("simulate", "--rate", "20")
+    run("simulate", "--plan", "a.yaml", "--rate", "20")
     found = document("--for", "stribeck@2", "--logs", "logs", "--size", "0.05", "-o", "more.yaml")
     assert {run["joint"] for run in found["runs"]} == {2}
 
@@ -89,20 +81,15 @@ def test_the_papers_plan_asks_for_attention(folder):
     assert "Traceback" not in found.output
 
 
-def test_a_looked_at_plan_is_written_where_asked(folder):
-    """-o - prints the plan with what it promises, which can be read again; a file is not replaced unasked."""
+def test_a_plan_is_checked_edited_and_refused(folder):
+    """--check -o - prints what can be read again and replaces no file unasked; a fault is one message."""
     run("plan", *SHORT)
+    path = folder / "plan.yaml"
     text = run("plan", "--check", "plan.yaml", "-o", "-", code=0).stdout
     (folder / "again.yaml").write_text(text, encoding="utf-8")
     assert YAML().load(text)["expected_std_errors"]
     assert "--force" in run("plan", "--check", "again.yaml", "-o", "plan.yaml", code=3).stderr
     run("plan", "--check", "again.yaml", "-o", "plan.yaml", "--force")
-
-
-def test_an_edited_plan_with_wrong_numbers_gets_one_message(folder):
-    """One held position too many: one refusal with the line."""
-    run("plan", *SHORT)
-    path = folder / "plan.yaml"
     head, _, runs = path.read_text(encoding="utf-8").partition("runs:")
     path.write_text(f"{head}runs:{runs.replace('hold: [', 'hold: [900, ', 1)}", encoding="utf-8")
     refused = run("plan", "--check", "plan.yaml", code=3)
@@ -161,20 +148,13 @@ def test_what_cannot_be_planned_is_one_message(folder, words, told):
     assert not (folder / "plan.yaml").exists()
 
 
-@pytest.mark.parametrize("form", ["csv", "urscript", "ros2"])
-def test_other_forms_stand_beside_the_recipe(folder, form):
-    """Each form has its ending; a form for another kind of arm is refused before the work."""
-    if form == "urscript":
-        assert "error[program-other-robot]" in run("plan", "--format", form, *SHORT, code=3).stderr
-        return
-    run("plan", "--format", form, *SHORT)
-    assert (folder / {"csv": "plan.csv", "ros2": "plan.ros2.yaml"}[form]).stat().st_size > 500
-
-
-def test_pictures(folder):
-    """--picture draws the postures and the timetable."""
-    run("plan", *SHORT, "--picture", "postures.png")
-    assert {"postures.png", "postures-timetable.png"} <= {path.name for path in folder.iterdir()}
+def test_other_forms_stand_beside_the_recipe(folder):
+    """Each form has its ending; one for another kind of arm is refused before the work; --picture draws two figures."""
+    assert "error[program-other-robot]" in run("plan", "--format", "urscript", *SHORT, code=3).stderr
+    run("plan", "--format", "csv", *SHORT)
+    run("plan", "--format", "ros2", *SHORT, "--picture", "postures.png")
+    made = ("plan.csv", "plan.ros2.yaml", "postures.png", "postures-timetable.png")
+    assert all((folder / name).stat().st_size > 500 for name in made)
     assert run("plan", "--picture", "postures.gif", "-o", "p.yaml", code=2).stdout == ""
 
 
