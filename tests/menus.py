@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -46,11 +45,6 @@ def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.
         ways = sweeps(robot, joint, speeds(robot, joint, shares))
         blocks += free_blocks(Collision(robot), holds, ways)
     return candidate_information(prior(name).robots[:2], blocks, names=names(robot))
-
-
-def motions_of(candidates: CandidateInformation, numbers: Sequence[int]) -> list[Motion]:
-    """The runs of some candidates."""
-    return [m for c in numbers for m in candidates.blocks[c].motions]
 
 
 def write_short_plan(path: Path) -> None:

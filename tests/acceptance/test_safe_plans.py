@@ -42,7 +42,7 @@ def test_a_safe_plan_keeps_clear(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         (folder / "recipe.yaml").write_text(text, encoding="utf-8")
-        run("plan", str(folder / "recipe.yaml"), "--minutes", "6")
+        run("plan", str(folder / "recipe.yaml"), "--minutes", "3")
         run("simulate", str(folder / "recipe.yaml"), "--plan", str(folder / "plan.yaml"), "-o", str(folder / "logs"))
         collision = Collision(read_recipe(tmp_path / "safe" / "recipe.yaml"))
         least[name] = min(float(collision.distances(q).min()) for q in positions(folder / "logs", 2))

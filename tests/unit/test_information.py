@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from menus import arm, motions_of, names, prior, small_set
+from menus import arm, names, prior, small_set
 from paper_recursion import gravity_current
 
 from pumaid.design.exchange import Criterion, PlanObjective, continuous_design
@@ -88,7 +88,7 @@ def test_candidates_tell_what_their_runs_tell(name):
     candidates, rng = small_set(name), np.random.default_rng(1)
     counts = np.zeros(len(candidates), dtype=int)
     counts[rng.choice(len(candidates), 40, replace=False)] = rng.integers(1, 3, 40)
-    motions = motions_of(candidates, np.repeat(np.arange(len(candidates)), counts).tolist())
+    motions = [motion for k in np.repeat(np.arange(len(counts)), counts) for motion in candidates.blocks[k].motions]
     runs = [run_information(prior(name).robots[:2], [motion], names(arm(name))) for motion in motions]
     wanted = sum(runs).toarray().reshape(2, len(candidates.names), -1)
     scale = np.sqrt(np.einsum("gpp->gp", wanted)) + 1e-12
