@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import importlib
+import io
 import json
 import os
 import re
@@ -31,8 +33,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-#: Digits of a number in CSV: finer than any encoder or current sensor, half the size of all sixteen.
-DIGITS = 9
+#: Decimals of a number in CSV: finer than any encoder, current sensor or clock.
+DECIMALS = 9
 TRUTH_NAME = "truth.json"
 #: What simulated logs are called; a truth beside them proves that they are.
 _SIMULATED = re.compile(r"session_\d+\.(csv|parquet)")
@@ -43,34 +45,18 @@ _ELSEWHERE = "write elsewhere with -o"
 _MENDS = {
     errno.ENOSPC: f"free some space on that disk, or {_ELSEWHERE}",
     errno.EDQUOT: f"your disk quota is used up: free some space, or {_ELSEWHERE}",
-    errno.EROFS: f"that disk is read-only: {_ELSEWHERE}",
     errno.EACCES: f"you may not write there: change the folder's permissions, or {_ELSEWHERE}",
-    errno.EISDIR: "a folder of that name is in the way: give a file name with -o",
-    errno.ENOTDIR: f"a file stands where a folder is needed: {_ELSEWHERE}",
-    errno.EEXIST: f"a file stands where a folder is needed: {_ELSEWHERE}",
     errno.ENAMETOOLONG: "give a shorter name with -o",
 }
 
 
 def write_file(path: Path, data: bytes | str) -> None:
-    """Write a file atomically, missing folders with it; a device or a pipe (``/dev/stdout``) directly.
+    """Write a file as `replacing` does.
 
     Text is encoded as UTF-8; surrogates (bytes of a file name that are not UTF-8) become backslash escapes.
-
-    Raises
-    ------
-    ResultError [cannot-write]
-        The system refuses; the old content is unchanged.
     """
-    content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
-    if _is_stream(Path(path)):
-        try:
-            Path(path).write_bytes(content)
-        except OSError as error:
-            raise _refusal(Path(path), error) from error
-        return
     with replacing(path) as temporary:
-        temporary.write_bytes(content)
+        temporary.write_bytes(data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data)
 
 
 def refuse_to_replace(path: Path) -> None:
@@ -91,17 +77,22 @@ def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` that is renamed to it when the block ends without an error.
 
     An error in the block leaves nothing behind. A symbolic link stays; the file that it points to is replaced. Missing
-    folders are made.
+    folders are made. A device or a pipe (``/dev/stdout``) is written directly.
 
     Raises
     ------
     ResultError [cannot-write]
-        The system refuses, in the block or at its end.
+        The system refuses, in the block or at its end; the old content is unchanged.
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
     try:
+        # /dev/stdout may be a plain file that the shell holds open.
+        is_file = not path.exists() or stat.S_ISREG(path.stat().st_mode) or path.is_dir()
+        if not is_file or path.parts[:2] == ("/", "dev"):
+            yield path
+            return
         if target.is_symlink():
             raise OSError(errno.ELOOP, "links that lead to one another")
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +105,10 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.chmod(target.stat().st_mode & 0o7777)
         temporary.replace(target)
     except OSError as error:
-        raise _refusal(path, error) from error
+        shown = path.name if len(path.name) <= 80 else path.name[:77] + "..."
+        what = f"cannot write {shown}: {error.strerror or error}"
+        mend = _MENDS.get(error.errno or 0, _ELSEWHERE)
+        raise ResultError("cannot-write", what, Where(file=str(path)[:300]), mend) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -163,27 +157,11 @@ def _locks(fcntl: object, handle: int) -> bool:
     return True
 
 
-def _is_stream(path: Path) -> bool:
-    """Whether it is a device or a pipe; /dev/stdout may be a plain file that the shell holds open."""
-    with suppress(OSError):
-        mode = path.stat().st_mode
-        return path.parts[:2] == ("/", "dev") or not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
-    return False
-
-
-def _refusal(path: Path, error: OSError) -> ResultError:
-    shown = path.name if len(path.name) <= 80 else path.name[:77] + "..."
-    what = f"cannot write {shown}: {error.strerror or error}"
-    mend = _MENDS.get(error.errno or 0, "write elsewhere with -o")
-    return ResultError("cannot-write", what, Where(file=str(path)[:300]), mend)
-
-
 def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
-    """Write samples, in order of time, as one log file in the recipe's columns, units and signs.
+    """Write samples (at least one batch, in order of time) as one log file in the recipe's columns, units and signs.
 
-    The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine digits (and the time to the nanosecond). ``-``
-    writes CSV to standard output. Velocity, temperature and joints without a current are left out where the first log
-    has none.
+    The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine decimals. ``-`` writes CSV to standard output.
+    Velocity, temperature and joints without a current are left out where the first log has none.
 
     Raises
     ------
@@ -191,100 +169,74 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
         The disk refuses, or the ending is neither ``.csv`` nor ``.parquet``.
     """
     path = Path(path)
-    parts = _tables(logs, robot)
+    tables = _tables(logs, robot)
     if path == STDIN:
-        _write_csv(sys.stdout.buffer, parts)
-    elif path.suffix.lower() not in (".csv", ".parquet"):
+        _write_csv(sys.stdout.buffer, tables)
+        return
+    write = {".csv": _write_csv, ".parquet": _write_parquet}.get(path.suffix.lower())
+    if write is None:
         what = f"{path.name} ends in {path.suffix or 'nothing'}, which is no log format"
         raise ResultError("unknown-ending", what, Where(file=str(path)), "name it .csv or .parquet")
-    else:
-        write = _write_csv if path.suffix.lower() == ".csv" else _write_parquet
-        with replacing(path) as temporary, temporary.open("wb") as sink:
-            write(sink, parts)
+    with replacing(path) as temporary, temporary.open("wb") as sink:
+        write(sink, tables)
 
 
-def _write_parquet(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
+def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
+    """A table a log, in the log's units and signs."""
+    import pyarrow as pa
+
+    columns: dict[str, tuple[str, int, float]] = {}
+    for log in logs:
+        columns = columns or _columns(log, robot)
+        names, arrays = [robot.log.time], [log.time / time_factor(robot)]
+        for name, (quantity, joint, factor) in columns.items():
+            values = getattr(log, quantity)
+            names.append(name)
+            arrays.append(np.full(len(log), np.nan) if values is None else values[:, joint] / factor)
+        yield pa.table(arrays, names=names)
+
+
+def _columns(log: Log, robot: Robot) -> dict[str, tuple[str, int, float]]:
+    """Column name -> quantity, index of the joint and factor to SI of what a log has, but for the time."""
+    columns = {}
+    for quantity in QUANTITIES:
+        values = getattr(log, quantity)
+        for index, joint in enumerate(robot.joints):
+            name = robot.log.column(quantity, joint.number)
+            absent = values is None or (len(log) and bool(np.isnan(values[:, index]).all()))
+            if name is not None and not absent:
+                columns[name] = (quantity, index, factor_of(robot, quantity, joint))
+    return columns
+
+
+def _write_parquet(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
     import pyarrow.parquet as pq
 
-    first = next(parts)
+    first = next(tables)
     # The dictionary would cost time and space: floats hardly ever repeat.
     options = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
     with pq.ParquetWriter(sink, first.schema, **options) as writer:
-        for part in chain([first], parts):
-            writer.write_table(part)
+        for table in chain([first], tables):
+            writer.write_table(table)
 
 
-def _write_csv(sink: BinaryIO, parts: Iterator[pa.Table]) -> None:
+def _write_csv(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
 
     options = arrow_csv.WriteOptions(include_header=False, quoting_style="needed")
-    for number, part in enumerate(parts):
-        if number == 0:
-            sink.write((",".join(_quoted(name) for name in part.schema.names) + "\n").encode())
-        time, *columns = (column.to_numpy() for column in part.columns)
+    for number, table in enumerate(tables):
+        if number == 0:  # Arrow would quote every name
+            header = io.StringIO()
+            csv.writer(header, lineterminator="\n").writerow(table.column_names)
+            sink.write(header.getvalue().encode())
+        values = np.array([column.to_numpy() for column in table.columns])
+        # Where a float64 has no more than these decimals, rounding would only disturb it.
+        is_fine = np.abs(values) < 2.0**53 / 10.0**DECIMALS
+        values[is_fine] = np.round(values[is_fine], DECIMALS)
         # Not-a-number becomes an empty cell.
-        rounded = [pa.array(_to_billionths(time)), *(pa.array(_short(v, DIGITS), from_pandas=True) for v in columns)]
-        arrow_csv.write_csv(pa.table(rounded, names=[str(k) for k in range(len(rounded))]), sink, options)
-
-
-def _quoted(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n\r ') else name
-
-
-def _to_billionths(time: Floats) -> Floats:
-    """Times to the ninth decimal, where a float64 can tell that."""
-    finer = np.abs(time) < 2.0**53 / 1e9
-    return np.where(finer, np.round(np.where(finer, time, 0.0) * 1e9) / 1e9, time)
-
-
-def _short(values: Floats, digits: int) -> Floats:
-    """Rounded to so many significant digits; the shortest text of the result then has no more."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        power = digits - 1 - np.floor(np.log10(np.abs(values)))
-    # Powers of ten beyond 22 are not exact in binary; numbers that small or large stay as they are.
-    usable = np.isfinite(power) & (np.abs(power) <= 22)
-    scale = 10.0 ** np.where(usable, np.abs(power), 0.0)
-    shrunk = np.where(power >= 0, np.round(values * scale) / scale, np.round(values / scale) * scale)
-    return np.where(usable, shrunk, values)
-
-
-def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
-    """A table a log; without logs one without rows."""
-    import pyarrow as pa
-
-    nothing = np.zeros((0, robot.n_joints))
-    names: list[tuple[str, int | None, str]] = []
-    for log in logs:
-        names = names or _columns(log, robot)
-        yield pa.table(list(_table(log, robot, names)), names=[name for _, _, name in names])
-    if not names:
-        yield from _tables([Log("", np.zeros(0, dtype=np.int64), np.zeros(0), nothing, nothing, nothing)], robot)
-
-
-def _columns(log: Log, robot: Robot) -> list[tuple[str, int | None, str]]:
-    """(quantity, joint, column name) of every column; time has no joint."""
-    columns: list[tuple[str, int | None, str]] = [("time", None, robot.log.time)]
-    for quantity in QUANTITIES:
-        values = getattr(log, quantity)
-        for joint in robot.joints:
-            name = robot.log.column(quantity, joint.number)
-            absent = values is None or (len(log) and bool(np.isnan(values[:, joint.number - 1]).all()))
-            if name is not None and not absent:
-                columns.append((quantity, joint.number, name))
-    return columns
-
-
-def _table(log: Log, robot: Robot, columns: list[tuple[str, int | None, str]]) -> Floats:
-    """(C, N) in the log's units and signs."""
-    table = np.empty((len(columns), len(log)))
-    for row, (quantity, joint, _) in zip(table, columns, strict=True):
-        if joint is None:
-            row[:] = log.time / time_factor(robot)
-        else:
-            values = getattr(log, quantity)
-            row[:] = np.nan if values is None else values[:, joint - 1] / factor_of(robot, quantity, robot.joint(joint))
-    return table
+        arrays = [pa.array(column, from_pandas=True) for column in values]
+        arrow_csv.write_csv(pa.table(arrays, names=table.column_names), sink, options)
 
 
 def write_session(
@@ -359,26 +311,17 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
     ResultError [logs-in-the-way]
         There are others, or these may not be replaced.
     """
-    if not folder.is_dir():
-        return []
-    truth = folder / TRUTH_NAME
-    try:
+    truth, is_simulated = folder / TRUTH_NAME, False
+    with suppress(ModelError):
         is_simulated = read_truth(truth).get("kind") == "truth"
-    except ModelError:
-        is_simulated = False
-    there = sorted(path for path in folder.rglob("*") if is_log(str(path.relative_to(folder))))
-    simulated = [
-        path
-        for path in there
-        if is_simulated and path.parent == folder and _SIMULATED.fullmatch(path.name) and path.is_file()
-    ]
-    foreign = [path for path in there if path not in simulated]
-    if not is_simulated and os.path.lexists(truth):
-        foreign.append(truth)
+    there = [path for path in sorted(folder.rglob("*")) if is_log(str(path.relative_to(folder)))]
+    there += [truth] if os.path.lexists(truth) else []
+    foreign = [path for path in there if path.parent != folder or not _SIMULATED.fullmatch(path.name)]
+    foreign = [path for path in foreign if path != truth] if is_simulated else there
     if foreign or (there and not force):
         first = (foreign or there)[0]
         why = "; no truth.json beside it says that it was simulated" if foreign else ""
-        what = f"{folder} holds logs already ({max(len(there), 1)}, such as {first.name}){why}"
+        what = f"{folder} holds logs already ({len(there)} files, such as {first.name}){why}"
         mend = "write to another folder with -o" + ("" if foreign else ", or replace them with --force")
         raise ResultError("logs-in-the-way", what, Where(file=str(first)), mend)
-    return [*simulated, *([truth] if is_simulated else [])]
+    return there

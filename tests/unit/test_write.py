@@ -18,19 +18,24 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_content_is_written_and_nothing_else_is_left(tmp_path: Path) -> None:
-    """Text arrives as UTF-8 with its line ends, bytes as they are, and no temporary stays."""
+def test_content_is_written_and_nothing_else_is_left(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Text arrives as UTF-8 with its line ends, bytes as they are, also in a pipe; no temporary stays."""
     write_file(tmp_path / "new" / "a.txt", "é\n")
     write_file(tmp_path / "new" / "b.bin", b"\x00\r\n")
     assert (tmp_path / "new" / "a.txt").read_bytes() == b"\xc3\xa9\n"
     assert (tmp_path / "new" / "b.bin").read_bytes() == b"\x00\r\n"
     assert names(tmp_path / "new") == ["a.txt", "b.bin"]
+    write_file(Path("/dev/stdout"), "through")
+    assert capfd.readouterr().out == "through"
 
 
-def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """When forcing to disk fails the old content stands and the message says what to do."""
+def test_a_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error in the block or a full disk leaves the old content and no part; the message says what to do."""
     path = tmp_path / "a.txt"
     write_file(path, "old")
+    with pytest.raises(ValueError, match="half way"), replacing(path) as temporary:
+        temporary.write_text("part")
+        raise ValueError("half way")
 
     def full(handle: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -42,35 +47,14 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
     assert path.read_text() == "old" and names(tmp_path) == ["a.txt"]
 
 
-def test_an_error_in_the_block_leaves_nothing(tmp_path: Path) -> None:
-    """A stream that breaks half way leaves neither a part nor a temporary."""
-    with pytest.raises(ValueError, match="half way"), replacing(tmp_path / "a.txt") as temporary:
-        temporary.write_text("part")
-        raise ValueError("half way")
-    assert names(tmp_path) == []
-
-
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
-    """The file behind a symbolic link is replaced, not the link."""
+def test_links_and_modes_stay(tmp_path: Path) -> None:
+    """The file behind a symbolic link is replaced, not the link; what only its owner may read stays so."""
     (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "real.txt").chmod(0o600)
     (tmp_path / "link.txt").symlink_to("real.txt")
     write_file(tmp_path / "link.txt", "new")
     assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "real.txt").read_text() == "new"
-
-
-def test_a_replaced_file_keeps_its_mode(tmp_path: Path) -> None:
-    """A file that only its owner may read stays so."""
-    path = tmp_path / "a.txt"
-    write_file(path, "old")
-    path.chmod(0o600)
-    write_file(path, "new")
-    assert path.stat().st_mode & 0o777 == 0o600
-
-
-def test_a_pipe_is_written_directly(capfd: pytest.CaptureFixture[str]) -> None:
-    """`-o /dev/stdout` works in a pipeline."""
-    write_file(Path("/dev/stdout"), "through")
-    assert capfd.readouterr().out == "through"
+    assert (tmp_path / "real.txt").stat().st_mode & 0o777 == 0o600
 
 
 @pytest.mark.parametrize("name", ["folder", "file/below", "loop", "n" * 300])
