@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,24 +13,21 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import AfterValidator, BaseModel, Field, ValidationInfo
 
 from pumaid import __version__
-from pumaid.errors import ModelError, Note, Where
+from pumaid.errors import ModelError, Note, Where, listed
 from pumaid.io.forms import (
     FORM,
     Document,
-    Fault,
     Finite,
     file_name,
-    meant,
     parsed_yaml,
     read_bytes,
     refusal,
-    refuse,
     shown,
     validated,
     yaml_text,
 )
 from pumaid.io.write import write_file
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor, number
 
@@ -51,29 +49,18 @@ class _PlannedArm:
     robot: Robot
     angle: str
 
-    def scale(self, joint: Joint) -> float:
-        """SI per unit of the plan."""
-        return factor(self.angle) if joint.is_revolute else 1.0
+    def unit(self, joint: int) -> tuple[str, float]:
+        """The plan's unit of the joint's position, and SI per unit."""
+        return (self.angle, factor(self.angle)) if self.robot.joint(joint).is_revolute else ("m", 1.0)
 
-    def unit(self, joint: Joint) -> str:
-        """The plan's unit of the joint's position."""
-        return self.angle if joint.is_revolute else "m"
-
-    def si(self, joint: Joint, value: float) -> float:
-        """A position in SI; one outside the joint's limits is refused."""
-        if joint.limits is not None:
-            low, high = (limit / self.scale(joint) for limit in joint.limits)
-            slack = _ROUNDING * (high - low)
-            if not low - slack <= value <= high + slack:
-                unit = self.unit(joint)
-                what = f"{value:g} {unit} is outside joint {joint.number}'s limits {number(low)}..{number(high)} {unit}"
-                raise refusal(what, "stay inside the limits, or correct them in the recipe")
-        return value * self.scale(joint)
+    def scaled(self, hold: Sequence[float]) -> list[float]:
+        """Held positions in the plan's units."""
+        return [value / self.unit(joint)[1] for joint, value in enumerate(hold, start=1)]
 
     @property
     def holds(self) -> list[str]:
         """The columns of held positions in a plan's CSV."""
-        return [f"hold{joint.number}_{self.unit(joint)}" for joint in self.robot.joints]
+        return [f"hold{joint.number}_{self.unit(joint.number)[0]}" for joint in self.robot.joints]
 
 
 def _arm(info: ValidationInfo) -> _PlannedArm:
@@ -87,21 +74,32 @@ def _joint_number(joint: int, info: ValidationInfo) -> int:
     return joint
 
 
+def _within_limits(joint: int, value: float, arm: _PlannedArm) -> float:
+    """A position in SI; one outside the joint's limits is refused."""
+    (unit, scale), limits = arm.unit(joint), arm.robot.joint(joint).limits
+    low, high = (-math.inf, math.inf) if limits is None else (limit / scale for limit in limits)
+    slack = 0.0 if limits is None else _ROUNDING * (high - low)
+    if not low - slack <= value <= high + slack:
+        what = f"{value:g} {unit} is outside joint {joint}'s limits {number(low)}..{number(high)} {unit}"
+        raise refusal(what, "stay inside the limits, or correct them in the recipe")
+    return value * scale
+
+
 def _hold(values: list[float], info: ValidationInfo) -> tuple[float, ...]:
     arm, moving = _arm(info), info.data.get("joint")
     if len(values) != arm.robot.n_joints:
         what = f"{len(values)} held positions, {arm.robot.name} has {arm.robot.n_joints} joints"
         raise refusal(what, "is the plan for another robot?")
     return tuple(
-        value * arm.scale(joint) if joint.number == moving else arm.si(joint, value)
-        for joint, value in zip(arm.robot.joints, values, strict=True)
+        value * arm.unit(joint)[1] if joint == moving else _within_limits(joint, value, arm)
+        for joint, value in enumerate(values, start=1)
     )
 
 
 def _position(value: float, info: ValidationInfo) -> float:
     if "joint" not in info.data:
         return value
-    out = _arm(info).si(_arm(info).robot.joint(info.data["joint"]), value)
+    out = _within_limits(info.data["joint"], value, _arm(info))
     if info.field_name == "end" and out == info.data.get("start"):
         raise refusal(f"the run goes from {value:g} to the same place", "give the span another end")
     return out
@@ -110,17 +108,17 @@ def _position(value: float, info: ValidationInfo) -> float:
 def _velocity(value: float, info: ValidationInfo) -> float:
     if "joint" not in info.data:
         return value
-    arm = _arm(info)
-    joint = arm.robot.joint(info.data["joint"])
-    highest = joint.max_velocity
-    if highest is not None and value * arm.scale(joint) > highest * (1.0 + 1e-6):
-        unit = arm.unit(joint)
-        what = f"joint {joint.number} may do {number(highest / arm.scale(joint))} {unit}/s, the run wants {value:g}"
+    joint = _arm(info).robot.joint(info.data["joint"])
+    unit, scale = _arm(info).unit(joint.number)
+    if joint.max_velocity is not None and value * scale > joint.max_velocity * (1.0 + 1e-6):
+        highest = number(joint.max_velocity / scale)
+        what = f"joint {joint.number} may do {highest} {unit}/s, the run wants {value:g}"
         raise refusal(what, "lower the velocity")
-    return value * arm.scale(joint)
+    return value * scale
 
 
 Number = Annotated[int, Field(strict=True), AfterValidator(_joint_number)]
+Hold = Annotated[list[Finite], AfterValidator(_hold)]
 Position = Annotated[Finite, AfterValidator(_position)]
 
 
@@ -132,7 +130,7 @@ class RunForm(_PlanEntry):
     """One entry of `runs`."""
 
     joint: Number
-    hold: Annotated[list[Finite], AfterValidator(_hold)] = Field(examples=["[...], one position a joint"])
+    hold: Hold = Field(examples=["[...], one position a joint"])
     start: Position = Field(alias="from")
     end: Position = Field(alias="to")
     velocity: Annotated[Finite, Field(gt=0), AfterValidator(_velocity)] = Field(
@@ -145,41 +143,27 @@ class PostureForm(_PlanEntry):
     """One entry of `postures`."""
 
     joint: Number
-    hold: Annotated[list[Finite], AfterValidator(_hold)]
+    hold: Hold
     serves: list[str] = []
     why: str = ""
 
 
-class NoteForm(_PlanEntry):
-    """One entry of `notes`."""
-
-    note: str
-    text: str
-    where: Any = None
-
-
-class UnitsForm(_PlanEntry):
-    """The block `units`."""
-
-    angle: Literal["deg", "rad"]
-
-
 class PlanForm(_PlanEntry):
-    """The whole file; only kind, format and runs are needed."""
+    """The whole file; only kind, format and runs are needed, and what the runs promise is not read back."""
 
     kind: Literal["plan"] = Field(examples=["plan"])
     format: Literal[1] = Field(examples=["1"])
     runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
     robot: str = ""
-    units: UnitsForm | None = None
+    units: dict[Literal["angle"], Any] = {}
     postures: list[PostureForm] = []
-    expected_std_errors: dict[str, Finite] = {}
-    unseen: dict[str, str] = {}
     duration: Finite = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
-    efficiency: Finite | None = None
-    assumptions: list[str] = []
-    notes: list[NoteForm] = []
+    expected_std_errors: Any = None
+    unseen: Any = None
+    efficiency: Any = None
+    assumptions: Any = None
+    notes: Any = None
     pumaid: Any = None
     recipe: Any = None
 
@@ -213,26 +197,18 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     angle = units.get("angle") if isinstance(units, dict) else units
     if angle not in ("deg", "rad"):  # limits in an unknown unit mean nothing
         where = Where(file=name, line=document.line_of(("units", "angle")), field="units.angle")
-        raise ModelError(
-            "plan-wrong", f"the angles' unit is {shown(angle)}", where, "write units: {angle: deg}, or rad"
-        )
-    arm = _PlannedArm(robot, angle)
-    form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", context=arm)
-    notes = [Note(entry.note, entry.text) for entry in form.notes]
+        mend = "write units: {angle: deg}, or rad"
+        raise ModelError("plan-wrong", f"the angles' unit is {shown(angle)}", where, mend)
+    form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", context=_PlannedArm(robot, angle))
+    notes = []
     if form.robot and form.robot != robot.name:
         notes.append(Note("plan-other-robot", f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"))
     return Plan(
-        robot=form.robot or robot.name,
-        motions=tuple(
-            Motion(run.joint, tuple(run.hold), run.start, run.end, run.velocity, run.purpose) for run in form.runs
-        ),
-        postures=tuple(Posture(p.joint, tuple(p.hold), tuple(p.serves), p.why) for p in form.postures),
-        expected=form.expected_std_errors,
-        unseen=form.unseen,
+        form.robot or robot.name,
+        tuple(Motion(run.joint, tuple(run.hold), run.start, run.end, run.velocity, run.purpose) for run in form.runs),
+        tuple(Posture(p.joint, tuple(p.hold), tuple(p.serves), p.why) for p in form.postures),
         duration=form.duration,
         seed=form.seed,
-        efficiency=form.efficiency,
-        assumptions=tuple(form.assumptions),
         notes=tuple(notes),
     )
 
@@ -247,38 +223,28 @@ def _csv_document(content: bytes, file: str, robot: Robot) -> Document:
     header = [name.strip() for name in rows[0]] if rows else []
     arm = _PlannedArm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
     needed = ["joint", *arm.holds, "from", "to", "velocity"]
+    if set(header) - {"run", "unit", "purpose"} != set(needed):
+        what = f"the columns are {listed(header, 20)}"
+        mend = f"a plan of {robot.name} has {', '.join(needed)}, and may have run, unit, purpose"
+        raise ModelError("plan-wrong", what, Where(file=file, line=1), mend)
     lines: dict[tuple[str | int, ...], int] = {(): 1}
     runs: list[dict[str, Any]] = []
     for line, cells in enumerate(rows[1:], start=2):
         if cells:
             lines["runs", len(runs)] = line
-            runs.append(_csv_run(dict(zip(header, map(str.strip, cells), strict=False)), arm.holds))
-    document = Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content)
-    faults = [
-        Fault((name[:60],), "plan-wrong", f"there is no column {name[:60]!r} in a plan", meant(name, needed))
-        for name in header
-        if name not in (*needed, "run", "unit", "purpose")
-    ]
-    for name in needed:
-        if name not in header:
-            faults.append(
-                Fault((name,), "plan-wrong", f"the column {name} is missing", "is the plan for another robot?")
-            )
-    if faults:
-        refuse(file, document, faults, kind=ModelError, slug="plan-wrong")
-    return document
+            row = {name: _cell(name, cell.strip()) for name, cell in zip(header, cells, strict=False)}
+            run = {name: row.get(name, "") for name in ("joint", "from", "to", "velocity")}
+            hold = [row.get(name, "") for name in arm.holds]
+            runs.append({**run, "hold": hold, "purpose": row.get("purpose") or "fit"})
+    return Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content)
 
 
-def _csv_run(row: dict[str, str], holds: Sequence[str]) -> dict[str, Any]:
-    def cell(name: str) -> Any:
-        text = row.get(name, "")
-        try:
-            return int(text) if name == "joint" else float(text)
-        except ValueError:
-            return text
-
-    entries = {name: cell(name) for name in ("joint", "from", "to", "velocity")}
-    return entries | {"hold": [cell(name) for name in holds], "purpose": row.get("purpose") or "fit"}
+def _cell(name: str, text: str) -> Any:
+    """A number where it is one."""
+    try:
+        return int(text) if name == "joint" else float(text)
+    except ValueError:
+        return text
 
 
 def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml") -> None:
@@ -291,56 +257,15 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
     the reasons and the forecast, units in the columns' names.
     """
     arm = _PlannedArm(robot, "deg")
-    return _csv(plan, arm) if format == "csv" else _yaml(plan, arm)
-
-
-def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
-    """A plan as the document of ``--json``: angles in rad, SI otherwise."""
-    return {
-        **_entries(plan, _PlannedArm(robot, "rad")),
-        "pumaid": __version__,
-        "recipe": {"file": robot.origin, "sha256": robot.digest},
-        "notes": [note.as_json() for note in plan.notes],
-    }
-
-
-def _entries(plan: Plan, arm: _PlannedArm) -> dict[str, Any]:
-    """What a plan's document holds, positions in the unit of `arm`."""
-
-    def scaled(hold: Sequence[float]) -> list[float]:
-        return [value / arm.scale(joint) for value, joint in zip(hold, arm.robot.joints, strict=True)]
-
-    runs = []
-    for motion in plan.motions:
-        scale = arm.scale(arm.robot.joint(motion.joint))
-        ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
-        runs.append({"joint": motion.joint, "hold": scaled(motion.hold), **ends, "purpose": motion.purpose})
-    return {
-        "kind": "plan",
-        "format": PLAN_FORMAT,
-        "robot": plan.robot,
-        "units": {"angle": arm.angle},
-        "seed": plan.seed,
-        "duration": plan.duration,
-        "efficiency": plan.efficiency,
-        "runs": runs,
-        "postures": [
-            {
-                "joint": posture.joint,
-                "hold": scaled(posture.hold),
-                "serves": list(posture.serves),
-                "why": posture.why,
-            }
-            for posture in plan.postures
-        ],
-        "expected_std_errors": dict(plan.expected),
-        "unseen": dict(plan.unseen),
-        "assumptions": list(plan.assumptions),
-    }
-
-
-def _yaml(plan: Plan, arm: _PlannedArm) -> str:
     entries = _entries(plan, arm)
+    if format == "csv":
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(["run", "joint", *arm.holds, "from", "to", "velocity", "unit", "purpose"])
+        for count, run in enumerate(entries["runs"], start=1):
+            numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
+            writer.writerow([count, run["joint"], *numbers, arm.unit(run["joint"])[0], run["purpose"]])
+        return out.getvalue()
     entries["duration"] = round(plan.duration, 1)
     entries["efficiency"] = None if plan.efficiency is None else round(plan.efficiency, 3)
     entries["expected_std_errors"] = {name: float(f"{value:.3g}") for name, value in plan.expected.items()}
@@ -360,26 +285,50 @@ def _yaml(plan: Plan, arm: _PlannedArm) -> str:
     return "\n".join(lines) + "\n"
 
 
+def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
+    """A plan as the document of ``--json``: angles in rad, SI otherwise."""
+    return {
+        **_entries(plan, _PlannedArm(robot, "rad")),
+        "pumaid": __version__,
+        "recipe": {"file": robot.origin, "sha256": robot.digest},
+        "notes": [note.as_json() for note in plan.notes],
+    }
+
+
+def _entries(plan: Plan, arm: _PlannedArm) -> dict[str, Any]:
+    """What a plan's document holds, positions in the unit of `arm`."""
+    runs = []
+    for motion in plan.motions:
+        scale = arm.unit(motion.joint)[1]
+        ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
+        runs.append({"joint": motion.joint, "hold": arm.scaled(motion.hold), **ends, "purpose": motion.purpose})
+    postures = [
+        {"joint": posture.joint, "hold": arm.scaled(posture.hold), "serves": list(posture.serves), "why": posture.why}
+        for posture in plan.postures
+    ]
+    return {
+        "kind": "plan",
+        "format": PLAN_FORMAT,
+        "robot": plan.robot,
+        "units": {"angle": arm.angle},
+        "seed": plan.seed,
+        "duration": plan.duration,
+        "efficiency": plan.efficiency,
+        "runs": runs,
+        "postures": postures,
+        "expected_std_errors": dict(plan.expected),
+        "unseen": dict(plan.unseen),
+        "assumptions": list(plan.assumptions),
+    }
+
+
 def _flow(value: Any) -> str:
     """A value in YAML's flow style."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_flow, value)) + "]"
-    return yaml_text(value) if isinstance(value, str) else _number(value)
-
-
-def _number(value: float) -> str:
+    if isinstance(value, str):
+        return yaml_text(value)
     text = f"{value:.{_DIGITS}g}"
     return "0" if text == "-0" else text
-
-
-def _csv(plan: Plan, arm: _PlannedArm) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["run", "joint", *arm.holds, "from", "to", "velocity", "unit", "purpose"])
-    for count, run in enumerate(_entries(plan, arm)["runs"], start=1):
-        numbers = map(_number, (*run["hold"], run["from"], run["to"], run["velocity"]))
-        unit = arm.unit(arm.robot.joint(run["joint"]))
-        writer.writerow([count, run["joint"], *numbers, unit, run["purpose"]])
-    return out.getvalue()
