@@ -6,7 +6,7 @@ import difflib
 import json
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, NoReturn, TypeVar, get_args
@@ -24,6 +24,12 @@ MAX_BYTES, MAX_DEPTH, MAX_VALUES = 200_000, 20, 200_000
 #: Most faults of one file that are listed; the others are counted.
 MOST_FAULTS = 20
 
+#: YAML's tags of plain values.
+_TAGS = ("map", "seq", "str", "int", "float", "bool", "null", "timestamp", "merge")
+
+#: YAML's tags of plain values.
+_TAGS = ("map", "seq", "str", "int", "float", "bool", "null", "timestamp", "merge")
+
 KeyPath = tuple[str | int, ...]
 Form = TypeVar("Form", bound=BaseModel)
 #: Unknown keys are faults, and types are not converted.
@@ -40,14 +46,13 @@ class Fault(NamedTuple):
     mend: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Document:
-    """A YAML document: `data` in plain values, `lines` (from 1) by path, its bytes, and faults of keys given twice."""
+    """A YAML document: `data` in plain values, `lines` (from 1) by path, and faults of keys given twice."""
 
     data: Any
-    lines: Mapping[KeyPath, int]
-    content: bytes
-    doubled: tuple[Fault, ...] = ()
+    lines: dict[KeyPath, int]
+    doubled: list[Fault]
 
     def line_of(self, path: Iterable[str | int]) -> int:
         """Line of the value at `path` (keys and 0-based indices), or of its nearest ancestor that exists."""
@@ -115,9 +120,13 @@ def parsed_yaml(content: bytes, file: str, *, kind: type[PumaidError] = RecipeEr
         Of type `kind`: it is not UTF-8 or UTF-16 text, not YAML, or has tags, several documents, too many levels or
         values.
     """
+    document = Document(None, {}, [])
     try:
         text = content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-        return _Composed().document(text.replace("\r\n", "\n").replace("\r", "\n"), content)
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+        yaml = YAML(typ="safe", pure=True)
+        document.data = _value(yaml.compose(text), (), document, yaml)
+        return document
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         what, mend = f"byte 0x{content[error.start]:02x} is not UTF-8 text", "save the file as UTF-8"
@@ -139,60 +148,39 @@ class _Refused(Exception):
     """YAML that is not accepted: what, line and mend."""
 
 
-class _Composed:
-    """Turns composed YAML nodes into plain values and their lines."""
-
-    def __init__(self) -> None:
-        self.yaml = YAML(typ="safe", pure=True)
-        self.lines: dict[KeyPath, int] = {}
-        self.doubled: list[Fault] = []
-
-    def document(self, text: str, content: bytes) -> Document:
-        node = self.yaml.compose(text)
-        if node is None:
-            raise _Refused("the file is empty", 1, "write one with pumaid init (a recipe) or pumaid plan")
-        return Document(self._value(node, ()), self.lines, content, tuple(self.doubled))
-
-    def _value(self, node: Any, path: KeyPath) -> Any:
-        line = node.start_mark.line + 1
-        self.lines.setdefault(path, line)
-        if len(path) > MAX_DEPTH:
-            raise _Refused(f"nested more than {MAX_DEPTH} deep", line, "a recipe nests four deep")
-        if len(self.lines) > MAX_VALUES:
-            raise _Refused(f"aliases expand to more than {MAX_VALUES} values", line, "write the values themselves")
-        if isinstance(node, ScalarNode):
-            return self._scalar(node, line)
-        if str(node.tag) not in ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"):
-            raise _Refused(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
-        if isinstance(node, SequenceNode):
-            return [self._value(item, (*path, index)) for index, item in enumerate(node.value)]
-        return dict(self._entries(node, path))
-
-    def _entries(self, node: MappingNode, path: KeyPath) -> Iterator[tuple[str, Any]]:
+def _value(node: Any, path: KeyPath, document: Document, yaml: YAML) -> Any:
+    """The plain value of a composed node; its lines, and keys given twice, are put into the document."""
+    if node is None:
+        raise _Refused("the file is empty", 1, "write one with pumaid init (a recipe) or pumaid plan")
+    line = node.start_mark.line + 1
+    document.lines.setdefault(path, line)
+    if len(path) > MAX_DEPTH:
+        raise _Refused(f"nested more than {MAX_DEPTH} deep", line, "a recipe nests four deep")
+    if len(document.lines) > MAX_VALUES:
+        raise _Refused(f"aliases expand to more than {MAX_VALUES} values", line, "write the values themselves")
+    if str(node.tag).removeprefix("tag:yaml.org,2002:") not in _TAGS:
+        raise _Refused(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
+    if isinstance(node, SequenceNode):
+        return [_value(item, (*path, index), document, yaml) for index, item in enumerate(node.value)]
+    if isinstance(node, MappingNode):
+        values = {}
         for key_node, value_node in node.value:
-            line = key_node.start_mark.line + 1
-            if not isinstance(key_node, ScalarNode) or not key_node.value:
+            key, line = key_node.value, key_node.start_mark.line + 1
+            if not isinstance(key_node, ScalarNode) or not key:
                 raise _Refused("a list, a mapping or nothing cannot be a key", line, "write key: value")
-            key = key_node.value
-            if (*path, key) in self.lines:
-                what = f"the key {key[:60]} is given twice (first on line {self.lines[*path, key]})"
-                self.doubled.append(Fault((*path, key), "recipe-bad-key", what, "remove one of them"))
-            self.lines[*path, key] = line
-            yield key, self._value(value_node, (*path, key))
-
-    def _scalar(self, node: ScalarNode, line: int) -> Any:
-        tag = self.yaml.resolver.resolve(ScalarNode, node.value, (node.style is None, node.style is not None))
-        if str(node.tag) != str(tag):
-            raise _Refused(f"the tag {node.tag} is not accepted", line, "write the plain value without a tag")
-        if str(tag).rsplit(":", 1)[-1] not in ("int", "float", "bool", "null"):
-            return node.value
-        try:
-            value = self.yaml.constructor.construct_object(node)
-            float(value or 0)  # an integer beyond all floats overflows
-        except (ValueError, OverflowError, YAMLError) as error:
-            what = f"{node.value[:40]} is not a number that can be read"
-            raise _Refused(what, line, "write a shorter number") from error
-        return value
+            if key in values:
+                what = f"the key {key[:60]} is given twice (first on line {document.lines[*path, key]})"
+                document.doubled.append(Fault((*path, key), "recipe-bad-key", what, "remove one of them"))
+            document.lines[*path, key] = line
+            values[key] = _value(value_node, (*path, key), document, yaml)
+        return values
+    try:
+        value = yaml.constructor.construct_object(node)
+        float(value if isinstance(value, int) else 0.0)  # a larger number than any float overflows
+    except (ValueError, OverflowError) as error:
+        what = f"{node.value[:40]} is not a number that can be read"
+        raise _Refused(what, line, "write a shorter number") from error
+    return value
 
 
 def refusal(what: str, mend: str = "", *, slug: str = "recipe-bad-value") -> Exception:
@@ -235,8 +223,8 @@ def validated(
 def refuse(
     file: str, document: Document, faults: Sequence[Fault], *, kind: type[PumaidError], slug: str = ""
 ) -> NoReturn:
-    """Raise every fault, in the order of the file's lines; a misspelt key is not told as missing too, and a wrong unit
-    of angles once.
+    """Raise every fault, in the order of the file's lines, of many the first; a misspelt key is not told as missing
+    too, and a wrong unit of angles once.
     """
     degrees = [fault for fault in faults if fault.slug == "recipe-angle-unit"]
     faults = [fault for fault in (*document.doubled, *faults) if fault not in degrees[1:]]
@@ -248,16 +236,11 @@ def refuse(
         joint = path[1] + 1 if len(path) > 1 and path[0] == "joints" and isinstance(path[1], int) else None
         where = Where(file=file, line=document.line_of(path), joint=joint, field=dotted(path) or None)
         errors.append(kind(slug or its_slug, what, where, mend))
-    raise_together(sorted(errors, key=lambda error: error.where.line or 0))
-
-
-def raise_together(errors: Sequence[PumaidError]) -> NoReturn:
-    """Raise one error or several; of many the others are counted."""
-    listed = list(errors[:MOST_FAULTS])
+    errors.sort(key=lambda error: error.where.line or 0)
     if len(errors) > MOST_FAULTS:
-        last, more = listed[-1], len(errors) - MOST_FAULTS
-        listed[-1] = type(last)(last.slug, f"{last.what} (and {more} more faults)", last.where, last.mend)
-    raise listed[0] if len(listed) == 1 else Faults(listed)
+        last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS
+        errors[MOST_FAULTS - 1 :] = [kind(last.slug, f"{last.what} (and {more} more faults)", last.where, last.mend)]
+    raise errors[0] if len(errors) == 1 else Faults(errors)
 
 
 def dotted(path: Sequence[str | int]) -> str:

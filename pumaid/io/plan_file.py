@@ -236,7 +236,7 @@ def _csv_document(content: bytes, file: str, robot: Robot) -> Document:
             run = {name: row.get(name, "") for name in ("joint", "from", "to", "velocity")}
             hold = [row.get(name, "") for name in arm.holds]
             runs.append({**run, "hold": hold, "purpose": row.get("purpose") or "fit"})
-    return Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, content)
+    return Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, [])
 
 
 def _cell(name: str, text: str) -> Any:
