@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, NoReturn, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -188,18 +188,6 @@ def refusal(what: str, mend: str = "", *, slug: str = "recipe-bad-value") -> Exc
     return PydanticCustomError("pumaid", "{what}", {"slug": slug, "what": what, "mend": mend})
 
 
-def within(least: float, most: float, *, unit: str, mend: str) -> AfterValidator:
-    """A check that the size of a number is between bounds, in `unit`."""
-
-    def check(value: float) -> float:
-        if not least <= abs(value) <= most:
-            bounds = f"between {least:g} and {most:g}" if least else f"at most {most:g}"
-            raise refusal(f"{value:g} {unit}".strip() + f" is not {bounds}", mend)
-        return value
-
-    return AfterValidator(check)
-
-
 def validated(
     form: type[Form], document: Document, file: str, *, kind: type[PumaidError], slug: str = "", context: Any = None
 ) -> Form:
@@ -264,13 +252,14 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
     """A pydantic error as a fault."""
     path: KeyPath = tuple(step for step in entry["loc"] if step != "[key]")
     kind, value, context = entry["type"], entry["input"], entry.get("ctx", {})
-    key = str(path[-1]) if path else "the file"
     if kind == "pumaid":
         return Fault(path, context["slug"], context["what"], context["mend"])
     is_short = kind == "missing" and isinstance(path[-1], int)
-    if is_short:
-        path, key = path[:-1], str(path[-2])
-    fields = _fields(form, path[:-1])
+    path = path[:-1] if is_short else path
+    steps = path
+    while isinstance(steps[-1], int):  # an entry of a list looks like what the list shows
+        steps = steps[:-1]
+    fields, key = _fields(form, steps[:-1]), str(steps[-1])
     if kind == "extra_forbidden":
         mend = "write the values out" if key == "<<" else meant(key, list(fields))
         return Fault(path, "recipe-bad-key", f"there is no key {key[:60]}", mend)
@@ -280,15 +269,14 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
     if kind == "missing":
         return Fault(path, "recipe-bad-key", f"the key {key} is missing", f"add {key}: {example or '...'}")
     message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
-    needed = message.removeprefix("it should be ")
-    mend = f"write {example or ('a number ' if needed.startswith(('greater', 'less')) else '') + needed}"
+    mend = f"write {example or message.removeprefix('it should be ')}"
     if kind == "literal_error":
         mend = meant(value, context["expected"].replace("'", "").split(" or "))
     elif isinstance(value, str) and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", value):
         mend = f"write the decimals after a point: {value.strip().replace(',', '.')}"
     elif kind == "string_type" and isinstance(value, int | float):
         mend = f'put it in quotes: "{value}"'
-    return Fault(path, "recipe-bad-value", f"{dotted(path) or key} is {shown(value)}: {message}", mend)
+    return Fault(path, "recipe-bad-value", f"{dotted(path)} is {shown(value)}: {message}", mend)
 
 
 def _fields(form: Any, path: Sequence[str | int]) -> dict[str, Any]:

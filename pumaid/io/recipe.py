@@ -14,7 +14,7 @@ from ruamel.yaml.comments import CommentedSeq
 
 from pumaid.errors import RecipeError, Where
 from pumaid.io.forms import MAX_BYTES, file_name, nearest, parsed_yaml, read_bytes, refuse, shown, validated
-from pumaid.io.recipe_schema import ArmForm, JointForm, LogForm, RecipeForm, coupled, faults_between
+from pumaid.io.recipe_schema import ArmForm, JointForm, LogForm, RecipeForm, SafetyForm, coupled, faults_between
 from pumaid.kinematics import Floats, placement, turn_of_z
 from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
 
@@ -61,7 +61,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         hashlib.sha256(content).hexdigest(),
         effect_lines=tuple(document.line_of(("effects", index)) for index in range(len(form.effects))),
         coupling={pair: ratio for key, ratio in form.coupling.items() if (pair := coupled(key)) is not None},
-        safety=_safety(form, turns),
+        safety=_safety(form.safety, turns),
     )
 
 
@@ -69,54 +69,51 @@ def _joints(forms: Sequence[JointForm], names: Sequence[str]) -> tuple[tuple[Joi
     """The joints, and by link, the base first, the (4, 4) frame about whose z it moves in the one that is stated."""
     joints, turns = [], [np.eye(4)]
     for number, (form, name) in enumerate(zip(forms, names, strict=True), start=1):
-        numbers = form.model_dump(include={"limits", "max_velocity", "gear_ratio"})
-        constants = form.model_dump(include={"theta", "alpha", "a", "d"}, exclude_none=True)
+        constants = form.model_dump(exclude={"type", "name", "placement"}, exclude_none=True)
         turn = np.eye(4)
         if form.placement is not None:
             turn[:3, :3] = turn_of_z(form.placement.axis)
             frame = turns[-1].T @ placement(form.placement.xyz, form.placement.rpy) @ turn
-            constants = {"placement": tuple(map(tuple, frame.tolist()))}
+            constants["placement"] = tuple(map(tuple, frame.tolist()))
         turns.append(turn)
-        joints.append(Joint(number, name, form.type, **numbers, **constants))
+        joints.append(Joint(number, name, form.type, **constants))
     return tuple(joints), turns
 
 
 def _log_format(form: LogForm, joints: tuple[Joint, ...]) -> LogFormat:
     """With units filled in: velocity follows position, prismatic joints default to metres."""
-    units = form.units
-    position = units.position or "rad"
-    sliding = units.prismatic_position or (position if position in ("m", "mm") else "m")
-    velocity = units.velocity or f"{position}/s"
-    filled = {
+    position = form.units.position or "rad"
+    velocity = form.units.velocity or f"{position}/s"
+    sliding = form.units.prismatic_position or (position if position in ("m", "mm") else "m")
+    units = {
         "position": position,
         "velocity": velocity,
         "prismatic_position": sliding,
-        "prismatic_velocity": units.prismatic_velocity or (velocity if velocity in ("m/s", "mm/s") else f"{sliding}/s"),
+        "prismatic_velocity": velocity if velocity in ("m/s", "mm/s") else f"{sliding}/s",
     }
     return LogFormat(
         **form.model_dump(exclude={"units", "signs"}),
-        units=units.model_dump() | filled,
-        signs={quantity: signs for quantity, signs in form.signs if signs is not None},
+        units=units | form.units.model_dump(exclude_none=True),
+        signs=form.signs.model_dump(exclude_none=True),
         names=tuple(joint.name for joint in joints),
     )
 
 
-def _safety(form: RecipeForm, turns: Sequence[Floats]) -> Safety | None:
+def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:
     """Places in the links' frames are turned into frames about whose z the links move."""
-    if form.safety is None:
+    if form == SafetyForm():
         return None
 
     def placed(link: int, point: Point) -> Point:
         x, y, z = (turns[link][:3, :3].T @ point).tolist()
         return x, y, z
 
-    spheres, tool = form.safety.spheres, form.safety.tool
     return Safety(
-        tuple(Box(box.name or f"box {k}", box.min, box.max) for k, box in enumerate(form.safety.boxes, start=1)),
-        tuple(Sphere(sphere.link, placed(sphere.link, sphere.centre), sphere.radius) for sphere in spheres),
-        None if tool is None else placed(len(turns) - 1, tool),
-        form.safety.margin,
-        tuple(form.safety.ignore),
+        tuple(Box(box.name or f"box {k}", box.min, box.max) for k, box in enumerate(form.boxes, start=1)),
+        tuple(Sphere(ball.link, placed(ball.link, ball.centre), ball.radius) for ball in form.spheres),
+        None if form.tool is None else placed(len(turns) - 1, form.tool),
+        form.margin,
+        tuple((min(pair), max(pair)) for pair in form.ignore),
     )
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-import string
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self, cast
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
 
-from pumaid.io.forms import FORM, Fault, Finite, meant, refusal, within
+from pumaid.io.forms import FORM, Fault, Finite, meant, refusal
 from pumaid.units import UNITS, factor
 
 #: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
@@ -24,8 +23,17 @@ WIDEST_UNSTATED, WIDEST = 4.0 * math.pi, 200.0 * math.pi
 SLOWEST, FASTEST = 1e-4, 1e3
 #: Quarter turns (rad) in a file of degrees are radians, to this rounding.
 QUARTERS, ROUNDING = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3)), 5e-4
+#: Smallest and largest size (SI) of a joint's number, by its key and whether it is of a slide; and what to do.
+_SIZES = {
+    ("limits", False): (0.0, WIDEST, "leave limits out for a joint that turns without end"),
+    ("limits", True): (0.0, LONGEST_RAIL, "prismatic joints are in m; divide by 1000"),
+    ("max_velocity", False): (SLOWEST, FASTEST, "write a number above 0, or leave the key out"),
+    ("max_velocity", True): (0.0, FASTEST_RAIL, "prismatic joints are in m/s; divide by 1000"),
+}
 
 _PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*([1-9]\d*(?:\.\d*)?))?\s*")
+_TEMPLATE = re.compile(r"(?:[^{}]|\{\{|\}\}|\{joint0?(?::(?:0?\d)?d?)?\}|\{name\})*")
+_METRES = "it in metres: divide millimetres by 1000"
 _COLUMN = "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}"
 #: Units of a log's quantities: dimensions of joints that turn, and of those that slide.
 _DIMENSIONS = {
@@ -54,12 +62,12 @@ class ArmForm:
         entries, units = data.get("joints"), data.get("units")
         joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
         names = [joint.get("name") for joint in joints]
-        units = units if isinstance(units, dict) else {}
+        angle = units.get("angle") if isinstance(units, dict) else None
         return cls(
             tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1)),
             frozenset(str(joint.get("type")) for joint in joints),
-            units.get("angle", "rad") if units.get("angle") in ("rad", "deg") else "rad",
-            "angle" in units,
+            "deg" if angle == "deg" else "rad",
+            angle is not None,
         )
 
 
@@ -67,9 +75,20 @@ def _arm(info: ValidationInfo) -> ArmForm:
     return cast(ArmForm, info.context)
 
 
+def _check(is_good: Callable[[Any], bool], what: str, mend: str) -> AfterValidator:
+    """Refuses a value; ``{}`` in `what` stands for it."""
+
+    def check(value: Any) -> Any:
+        if not is_good(value):
+            raise refusal(what.replace("{}", f"{value:g}" if isinstance(value, float) else str(value)[:60]), mend)
+        return value
+
+    return AfterValidator(check)
+
+
 def _is_rail(info: ValidationInfo) -> bool:
     """Whether a value is a position or speed of a joint that slides."""
-    return info.data.get("type") == "prismatic" and info.field_name in ("limits", "max_velocity")
+    return info.data.get("type") == "prismatic" and (info.field_name, True) in _SIZES
 
 
 def _pi(value: Any, info: ValidationInfo) -> Any:
@@ -81,107 +100,58 @@ def _pi(value: Any, info: ValidationInfo) -> Any:
         what = f"{value} is in rad, and this file's angles are in deg"
         raise refusal(what, "write degrees", slug="recipe-angle-unit")
     sign, times, over = match.groups()
-    return (-1.0 if sign == "-" else 1.0) * float(times or 1.0) * math.pi / float(over or 1.0)
+    return float(f"{sign}1") * float(times or 1.0) * math.pi / float(over or 1.0)
 
 
 def _in_si(value: float, info: ValidationInfo) -> float:
     """rad, m, rad/s or m/s; angles in another unit than the file's, and limits and speeds of no joint, are refused."""
-    key, arm, size = str(info.field_name), _arm(info), abs(value)
-    per_s = "/s" if key == "max_velocity" else ""
-    if _is_rail(info):
-        highest = FASTEST_RAIL if per_s else LONGEST_RAIL
-        if size > highest:
-            what = f"{key} of {value:g} m{per_s} is beyond {highest:g} m{per_s}"
-            raise refusal(what, f"prismatic joints are in m{per_s}; divide by 1000")
-        return value
-    is_constant = key in ("alpha", "theta", "rpy")
-    if arm.unit == "rad" and size > (2.0 * math.pi if is_constant else WIDEST_UNSTATED):
+    key, arm, size, is_rail = str(info.field_name), _arm(info), abs(value), _is_rail(info)
+    is_speed, is_constant = key == "max_velocity", (key, True) not in _SIZES
+    unit, scale = ("m", 1.0) if is_rail else (arm.unit, factor(arm.unit))
+    shown = f"{key} of {value:g} {unit}" + "/s" * is_speed
+    if not is_rail and unit == "rad" and size > (2.0 * math.pi if is_constant else WIDEST_UNSTATED):
         if is_constant or not arm.is_stated:
-            what = f"{key} of {value:g} rad{per_s} is too large: degrees?"
             mend = "add units: {angle: deg} at the top; or, if it is rad, say so: units: {angle: rad}"
-            raise refusal(what, mend, slug="recipe-angle-unit")
-    elif arm.unit == "deg" and is_constant and size > 360.0:
-        what = f"{key} of {value:g} deg is more than a turn"
-        raise refusal(what, "write it within 360", slug="recipe-angle-unit")
-    elif arm.unit == "deg" and not per_s and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS):
+            raise refusal(f"{shown} is too large: degrees?", mend, slug="recipe-angle-unit")
+    elif unit == "deg" and not is_speed and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS):
         mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
-        raise refusal(f"{key} of {value:g} deg is a quarter turn in rad", mend, slug="recipe-angle-unit")
-    rad = size * factor(arm.unit)
-    if key == "limits" and rad > WIDEST:
-        what = f"limits of {value:g} {arm.unit} are more than {WIDEST / (2.0 * math.pi):g} turns"
-        raise refusal(what, "leave limits out for a joint that turns without end")
-    if per_s and not SLOWEST <= rad <= FASTEST:
-        what = f"no joint's highest speed is {value:g} {arm.unit}/s"
-        raise refusal(what, f"write a number above 0 in {arm.unit}/s, or leave the key out")
-    return value * factor(arm.unit)
+        raise refusal(f"{shown} is a quarter turn in rad", mend, slug="recipe-angle-unit")
+    least, most, mend = _SIZES.get((key, is_rail), (0.0, 2.0 * math.pi + ROUNDING, "write it within a turn"))
+    if not least <= size * scale <= most:
+        raise refusal(f"{shown} is not between {least / scale:g} and {most / scale:g}", mend)
+    return value * scale
 
 
 def _needed(value: Any, info: ValidationInfo) -> Any:
     """Refuse that a constant of a joint is missing: all of a Denavit-Hartenberg row but the offset of its motion."""
-    key, kind = str(info.field_name), info.data.get("type")
-    offsets = {"revolute": ("theta",), "prismatic": ("d",)}.get(str(kind), ("theta", "d"))
-    if info.data.get("placement") is not None and value is not None:
+    key, is_placed = str(info.field_name), info.data.get("placement") is not None
+    offsets = {"revolute": ("theta",), "prismatic": ("d",)}.get(str(info.data.get("type")), ("theta", "d"))
+    if is_placed and value is not None:
         raise refusal(f"{key} stands beside a placement, which says it already", "take one of them away")
-    if value is None and info.data.get("placement") is None and key not in offsets:
-        mend = (
-            f"add {key}: 0 if it is zero; or say where the joint is with placement: {{xyz: ..., rpy: ..., axis: ...}}"
-        )
+    if value is None and not is_placed and key not in offsets:
+        mend = f"add {key}: 0 if it is zero, or place the joint with placement: {{xyz: ..., rpy: ..., axis: ...}}"
         raise refusal(f"the key {key} is missing", mend, slug="recipe-bad-key")
     return value
 
 
-def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
-    if limits[0] >= limits[1]:
-        raise refusal("the limits are not [lowest, highest]", "write the lower one first")
-    return limits
-
-
-def _direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
-    if math.hypot(*axis) < 1e-9:
-        raise refusal(f"the axis {list(axis)} has no direction", "write it as [0, 0, 1]")
-    return axis
-
-
-def _gravity(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    size = math.hypot(*vector)
-    if not LEAST_GRAVITY <= size <= MOST_GRAVITY:
-        what = f"gravity of {size:g} m/s2 is not between {LEAST_GRAVITY:g} and {MOST_GRAVITY:g}"
-        raise refusal(what, "give it in m/s2, as a vector in base axes: [0, 0, -9.80665] upright")
-    return vector
-
-
-def _printable(text: str) -> str:
-    if not text.strip() or not text.isprintable():
-        raise refusal(f"the name {text[:40]!r} is empty or has unprintable characters", "write a word")
-    return text
+def _is_printable(text: str) -> bool:
+    return bool(text.strip()) and text.isprintable()
 
 
 def is_joint_name(name: str) -> bool:
     """Whether a joint can have this name: a printable word that EFFECT@JOINT does not read as something else."""
-    is_word = bool(name.strip()) and name.isprintable() and len(name) <= 200
+    is_word = _is_printable(name) and len(name) <= 200
     return is_word and name.lower() != "all" and not re.search("[@,]", name) and not re.fullmatch(r"[\d.+-]+", name)
-
-
-def _joint_name(name: str) -> str:
-    if not is_joint_name(name):
-        raise refusal(f"{name[:40]!r} cannot name a joint", "use a word, such as shoulder")
-    return name
 
 
 def _template(template: str, info: ValidationInfo) -> str:
     """A column template: {joint}, {joint0} and {name} may stand in it, but for the time."""
-    places = set()
-    try:
-        for _, place, form, conversion in string.Formatter().parse(template):
-            is_numeric = place in ("joint", "joint0") and re.fullmatch(r"(0?\d)?d?", form or "") is not None
-            if place is not None and (conversion or not (is_numeric or (place == "name" and not form))):
-                raise ValueError(place)
-            places.add(place)
-    except ValueError as error:
-        raise refusal(f"the column template {template!r} cannot be used", _COLUMN) from error
-    if info.field_name == "time" and places != {None}:
+    if not _TEMPLATE.fullmatch(template):
+        raise refusal(f"the column template {template!r} cannot be used", _COLUMN)
+    has_joint = re.search(r"\{(joint|name)", template) is not None
+    if info.field_name == "time" and has_joint:
         raise refusal(f"the time column {template!r} holds a joint", "name one column, such as t")
-    if info.field_name != "time" and len(_arm(info).names) > 1 and not places - {None}:
+    if info.field_name != "time" and len(_arm(info).names) > 1 and not has_joint:
         raise refusal(f"{template} names the same column for every joint", _COLUMN)
     return template
 
@@ -221,21 +191,10 @@ def _link(link: int, info: ValidationInfo) -> int:
     return link
 
 
-def _apart(links: tuple[int, int]) -> tuple[int, int]:
-    first, last = sorted(links)
-    if last <= first + 1:
-        what = f"links {first} and {last} are neighbours or one, and are never checked against each other"
-        raise refusal(what, "take the pair away")
-    return first, last
-
-
 def coupled(key: str) -> tuple[int, int] | None:
     """Joints (driven, driving), from 1, that a key of `coupling` names: (5, 4) for r54, (12, 9) for r12_9."""
     match = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d?)_([1-9]\d?)", key)
-    if match is None:
-        return None
-    driven, driving = (int(number) for number in match.groups() if number is not None)
-    return driven, driving
+    return None if match is None else (int(match[1] or match[3]), int(match[2] or match[4]))
 
 
 def _coupling(key: str, info: ValidationInfo) -> str:
@@ -251,10 +210,8 @@ def _unit(word: str, info: ValidationInfo) -> str:
     """A unit word of a quantity that joints of this arm have."""
     key, kinds = str(info.field_name), _arm(info).kinds
     turning, sliding = _DIMENSIONS[key]
-    dimensions = {sliding} if kinds == {"prismatic"} else {turning}
-    if key.startswith("prismatic_"):
-        dimensions = {sliding} if "prismatic" in kinds else set()
-    fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension in dimensions]
+    slides = kinds == {"prismatic"} or (key.startswith("prismatic_") and "prismatic" in kinds)
+    fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
     if word not in fitting:
         mend = meant(word, fitting) if fitting else "take it away: no joint of this arm slides"
         if sliding != turning and word in UNITS and UNITS[word][0] == sliding:
@@ -263,20 +220,46 @@ def _unit(word: str, info: ValidationInfo) -> str:
     return word
 
 
-Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_in_si)]
-Length = Annotated[Finite, within(0, LONGEST_LINK, unit="m", mend="lengths are in metres; divide by 1000")]
-Words = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_printable)]
-Template = Annotated[Words, AfterValidator(_template)]
-Triple = Annotated[tuple[Length, Length, Length], Field(strict=False)]
-Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
-Signs = Annotated[tuple[Finite, ...], Field(strict=False), AfterValidator(_signs)]
-Unit = Annotated[str, AfterValidator(_unit)]
-GearRatio = Annotated[Finite, within(1e-3, 1e5, unit="", mend="write motor turns per joint turn, such as 101")]
-
-
 def _like(*examples: str, default: Any = ..., **more: Any) -> Any:
     """A field with what its value looks like."""
     return Field(default, examples=list(examples), **more)
+
+
+#: Tuples are lists in a file.
+AS_LIST = Field(strict=False)
+Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_in_si)]
+Length = Annotated[Finite, Field(ge=-LONGEST_LINK, le=LONGEST_LINK)]
+GearRatio = Annotated[
+    Finite, _check(lambda ratio: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn")
+]
+Words = Annotated[
+    str, Field(strict=True, max_length=200), _check(_is_printable, "the name '{}' is empty", "write a word")
+]
+Template = Annotated[Words, AfterValidator(_template)]
+Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
+Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
+Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
+Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
+Unit = Annotated[str, AfterValidator(_unit)]
+JointName = Annotated[str, _check(is_joint_name, "'{}' cannot name a joint", "use a word, such as shoulder")]
+Direction = Annotated[Vector, _check(any, "the axis {} has no direction", "write it as [0, 0, 1]")]
+Gravity = Annotated[
+    Vector,
+    _check(
+        lambda vector: LEAST_GRAVITY <= math.hypot(*vector) <= MOST_GRAVITY,
+        "{} is no planet's gravity in m/s2",
+        "upright it is [0, 0, -9.80665]",
+    ),
+]
+Limits = Annotated[
+    tuple[Angle, Angle],
+    _check(lambda pair: pair[0] < pair[1], "the limits are not [lowest, highest]", "write the lower one first"),
+]
+Apart = Annotated[
+    tuple[Link, Link],
+    AS_LIST,
+    _check(lambda pair: abs(pair[1] - pair[0]) > 1, "links {} are neighbours or one", "take the pair away"),
+]
 
 
 class _StrictForm(BaseModel):
@@ -288,22 +271,16 @@ class _StrictForm(BaseModel):
         """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
         if not isinstance(data, dict):
             return data
-        nullable = ("velocity", "temperature")
-        return {
-            key: value
-            for key, value in data.items()
-            if value is not None or key not in cls.model_fields or key in nullable
-        }
+        kept = ("velocity", "temperature")
+        return {k: v for k, v in data.items() if v is not None or k not in cls.model_fields or k in kept}
 
 
 class PlacementForm(_StrictForm):
     """The block `placement` of a joint: `origin` and `axis` of a URDF."""
 
-    xyz: Triple = _like("[x, y, z]   (m, in the frame before)")
-    rpy: Annotated[tuple[Angle, Angle, Angle], Field(strict=False)] = _like("[roll, pitch, yaw]", default=(0, 0, 0))
-    axis: Annotated[tuple[Finite, Finite, Finite], Field(strict=False), AfterValidator(_direction)] = _like(
-        "[0, 0, 1]", default=(0, 0, 1)
-    )
+    xyz: Triple = _like("[x, y, z]   (m, not mm, in the frame before)")
+    rpy: Annotated[tuple[Angle, Angle, Angle], AS_LIST] = _like("[roll, pitch, yaw]", default=(0, 0, 0))
+    axis: Direction = _like("[0, 0, 1]", default=(0, 0, 1))
 
 
 class JointForm(_StrictForm):
@@ -312,13 +289,11 @@ class JointForm(_StrictForm):
     type: Literal["revolute", "prismatic"] = _like("revolute   (or prismatic)")
     placement: PlacementForm | None = _like("{xyz: [0, 0, 0.1], rpy: [0, 0, 0], axis: [0, 0, 1]}", default=None)
     alpha: Annotated[Angle | None, AfterValidator(_needed)] = Field(None, validate_default=True)
-    a: Annotated[Length | None, AfterValidator(_needed)] = Field(None, validate_default=True)
-    d: Annotated[Length | None, AfterValidator(_needed)] = Field(None, validate_default=True)
+    a: Annotated[Length | None, AfterValidator(_needed)] = _like(_METRES, default=None, validate_default=True)
+    d: Annotated[Length | None, AfterValidator(_needed)] = _like(_METRES, default=None, validate_default=True)
     theta: Annotated[Angle | None, AfterValidator(_needed)] = Field(None, validate_default=True)
-    name: Annotated[str, Field(max_length=200), AfterValidator(_joint_name)] | None = None
-    limits: Annotated[tuple[Angle, Angle], AfterValidator(_in_order)] | None = _like(
-        "[lowest, highest]", default=None, strict=False
-    )
+    name: JointName | None = None
+    limits: Limits | None = _like("[lowest, highest]", default=None, strict=False)
     max_velocity: Annotated[Angle, Field(gt=0)] | None = None
     gear_ratio: GearRatio | None = None
 
@@ -372,52 +347,40 @@ class BoxForm(_StrictForm):
     """One entry of `safety.boxes`."""
 
     name: Words | None = None
-    min: Triple = _like("[x, y, z]   (the lowest corner, m in base axes)")
-    max: Triple = _like("[x, y, z]   (the highest corner, m in base axes)")
-
-    @model_validator(mode="after")
-    def _has_inside(self) -> Self:
-        for axis, low, high in zip("xyz", self.min, self.max, strict=True):
-            if low >= high:
-                what = f"along {axis} the box reaches from {low:g} to {high:g} m, so it has no inside"
-                raise refusal(what, "write the lower corner as min and the upper as max")
-        return self
+    min: Triple = _like("[x, y, z]   (the lowest corner, m, not mm, in base axes)")
+    max: Triple = _like("[x, y, z]   (the highest corner, m, not mm, in base axes)")
 
 
 class SphereForm(_StrictForm):
     """One entry of `safety.spheres`."""
 
     link: Link = _like("the link that carries the sphere; 0 is the base")
-    centre: Triple = _like("[x, y, z]   (m, in the link's frame)")
-    radius: Annotated[Length, Field(gt=0)] = _like("the sphere's radius, m")
+    centre: Triple = _like("[x, y, z]   (m, not mm, in the link's frame)")
+    radius: Annotated[Finite, Field(gt=0, le=LONGEST_LINK)] = _like(_METRES)
 
 
 class SafetyForm(_StrictForm):
     """The block `safety`."""
 
-    tool: Triple | None = _like("[x, y, z]   (m, in the last link's frame)", default=None)
+    tool: Triple | None = _like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
     boxes: list[BoxForm] = _like("[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100)
     spheres: list[SphereForm] = _like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
     margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
-    ignore: list[Annotated[tuple[Link, Link], Field(strict=False), AfterValidator(_apart)]] = _like(
-        "[[4, 6]], pairs of links", default=[]
-    )
+    ignore: list[Apart] = _like("[[4, 6]], pairs of links", default=[])
 
 
 class RecipeForm(_StrictForm):
     """The whole file."""
 
     name: Words = _like("a name, such as my arm")
-    gravity: Annotated[tuple[Finite, Finite, Finite], Field(strict=False), AfterValidator(_gravity)] = _like(
-        "[0, 0, -9.80665]   (m/s2 in base axes; this is upright)"
-    )
+    gravity: Gravity = _like("[0, 0, -9.80665]   (m/s2 in base axes; this is upright)")
     joints: list[JointForm] = _like(
         "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip", min_length=1, max_length=50
     )
     units: FileUnits = _like("{angle: deg}", default=FileUnits())
     log: LogForm = _like("its keys below it, indented", default=LogForm())
     effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
-    safety: SafetyForm | None = _like("its keys below it, indented: boxes, spheres, tool, margin", default=None)
+    safety: SafetyForm = _like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
     coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = {}
     source: Any = ""
     notes: Any = ""
@@ -432,14 +395,22 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     for index, choice in enumerate(choices):
         if choice in choices[:index]:
             yield Fault(("effects", index), "recipe-bad-value", f"{choice[0]} is given twice", "remove one")
-    if form.safety is not None:
-        boxes = [box.name or f"box {k}" for k, box in enumerate(form.safety.boxes, start=1)]
-        yield from _repeated(boxes, "safety", "boxes")
-    pairs = [coupled(key) or (0, 0) for key in form.coupling]
-    for key, pair in zip(form.coupling, pairs, strict=True):
-        if pairs.count(pair) > 1 and key != f"r{pair[0]}{pair[1]}":
+    yield from _repeated(
+        [box.name or f"box {k}" for k, box in enumerate(form.safety.boxes, start=1)], "safety", "boxes"
+    )
+    for index, box in enumerate(form.safety.boxes):
+        for axis, low, high in zip("xyz", box.min, box.max, strict=True):
+            if low >= high:
+                what = f"along {axis} the box reaches from {low:g} to {high:g} m, so it has no inside"
+                mend = "write the lower corner as min and the upper as max"
+                yield Fault(("safety", "boxes", index), "recipe-bad-value", what, mend)
+    pairs: list[tuple[int, int]] = []
+    for key in form.coupling:
+        pair = coupled(key) or (0, 0)
+        if pair in pairs:
             what = f"{key} couples joints that another key couples"
             yield Fault(("coupling", key), "recipe-bad-value", what, "take one away")
+        pairs.append(pair)
     for number in sorted({number for pair in pairs for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
             what = f"joint {number} takes part in coupling, and has no gear ratio"

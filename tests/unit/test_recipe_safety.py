@@ -43,14 +43,14 @@ def test_defaults(tmp_path):
         ("boxes: [{min: [0, 0, 1], max: [1, 1, 0]}]", "recipe-bad-value", "along z the box reaches from 1 to 0 m"),
         ("boxes: [{min: [0, 0], max: [1, 1, 1]}]", "recipe-bad-value", "min has too few values"),
         ("boxes: [{min: [0, 0, .nan], max: [1, 1, 1]}]", "recipe-bad-value", "finite number"),
-        ("boxes: [{min: [0, 0, 0], max: [1000, 1, 1]}]", "recipe-bad-value", "divide by 1000"),
+        ("boxes: [{min: [0, 0, 0], max: [1000, 1, 1]}]", "recipe-bad-value", "m, not mm"),
         (f"boxes: [{BOX}, {BOX}]", "recipe-bad-value", "boxes 1 and 2 are both named table"),
         ("boxes: 3", "recipe-bad-value", "write [{name: table"),
         ("spheres: [{link: 7, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "there is no link 7"),
         ("spheres: [{link: -1, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "from 0 (the base) to 6"),
         ("spheres: [{link: 1.5, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "integer"),
         ("spheres: [{link: 1, centre: [0, 0, 0], radius: -1}]", "recipe-bad-value", "greater than 0"),
-        ("spheres: [{link: 1, centre: [0, 0, 0], radius: 80}]", "recipe-bad-value", "divide by 1000"),
+        ("spheres: [{link: 1, centre: [0, 0, 0], radius: 80}]", "recipe-bad-value", "by 1000"),
         ("spheres: [{link: 1, center: [0, 0, 0], radius: 1}]", "recipe-bad-key", "did you mean centre?"),
         ("margin: -0.1", "recipe-bad-value", "greater than or equal to 0"),
         ("tool: [0, 0]", "recipe-bad-value", "tool has too few values"),
@@ -69,9 +69,9 @@ def test_faults(tmp_path, block, slug, words):
 
 
 def test_all_faults_at_once(tmp_path):
-    """Faults of types and faults between values are told together, in the order of the lines."""
+    """Faults of several blocks are told together, in the order of the lines."""
     with pytest.raises(Faults) as caught:
-        read(tmp_path, "margin: 2\nboxes: [{min: [1, 0, 0], max: [0, 1, 1]}]\nspheres: [{link: 9, centre: 3}]")
+        read(tmp_path, "margin: 2\nboxes: [{min: [1, 0, 0]}]\nspheres: [{link: 9, centre: 3}]")
     lines = [fault.where.line - len(ARM.splitlines()) for fault in caught.value.faults]
     assert lines == [1, 2, 3, 3, 3]
 
