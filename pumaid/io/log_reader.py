@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import FileFacts, Log
-from pumaid.errors import LogError, Note, Where
-from pumaid.io.columns import Columns, check_extra, resolve
+from pumaid.errors import LogError, Note, Where, listed
+from pumaid.io.columns import Columns, nearest, resolve
 from pumaid.io.log_formats import HEAD_BYTES, LogSource, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.robot import Robot
@@ -39,8 +39,8 @@ _BEHIND, _FEWEST_BEFORE = 20, 50
 _WRAP_SHARE = 0.02
 #: rad/s; taken as the fastest possible where the recipe gives no maximum: a turn within a quarter second.
 _FASTEST = 8.0 * math.pi
-#: Columns that a note names, and intervals from which the median is taken: enough for any jitter, few enough to hold.
-_NAMED, _PROBE = 6, 100_000
+#: Intervals from which the median is taken: enough for any jitter, few enough to hold.
+_PROBE = 100_000
 #: A gap is this many median intervals: one or two lost packets are jitter, five are a hole ...
 _GAP_INTERVALS = 5.0
 #: ... and at least this long (s): shorter ones are within what a ramp of an arm takes, and harm no mean.
@@ -100,13 +100,20 @@ class LogReader:
         Raises
         ------
         LogError [column-missing]
-            No file has one of them.
+            No file has one of them; with the nearest names.
         """
-        headers = {}
-        for path in self._paths if self.extra and STDIN not in self._paths else ():
+        if not self.extra or STDIN in self._paths:
+            return
+        have: dict[str, None] = {}
+        for path in self._paths:
             with local_copy(path) as file:
-                headers[str(path)] = [column.name for column in log_source(file, str(path)).schema()]
-        check_extra(headers, self.extra)
+                have |= dict.fromkeys(column.name for column in log_source(file, str(path)).schema())
+        missing = [column for column in self.extra if column not in have]
+        if missing:
+            hints = [f"did you mean {near} for {name}?" for name in missing if (near := nearest(name, list(have)))]
+            what = f"no log has a column {listed(missing)}; there are {listed(list(have), 12)}"
+            mend = "; ".join(hints) or "name a column as the logs' header does"
+            raise LogError("column-missing", what, Where(str(self._paths[0]), row=1, column=missing[0]), mend)
 
     def _samples(self, file: Path, name: str) -> Iterator[Log]:
         before = file.stat()
@@ -374,12 +381,12 @@ class Cleaner:
         currents = self.columns.places["current"][:, 1]
         if self.n_rows and len(currents) and all(self._unknown[int(index)] == self.n_rows for index in currents):
             names = [self.columns.names[index] for index in currents]
-            what = f"the currents of {self.name} are empty ({_listed(names)})"
+            what = f"the currents of {self.name} are empty ({listed(names)})"
             raise LogError("no-current", what, Where(file=self.name, column=names[0]), "record the motor currents")
         if not self._n_bad:
             return []
         counts = [f"{name} in {bad.count} (first in row {bad.first})" for name, bad in self._bad.items()]
-        text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {_listed(counts, '; ')}"
+        text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {listed(counts, separator='; ')}"
         row = min(bad.first for bad in self._bad.values())
         if self._n_bad <= MAX_BAD * self.n_rows:
             return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
@@ -396,9 +403,9 @@ class Cleaner:
             counts = {self.columns.names[at]: self._unknown[int(at)] for at in self.columns.places[quantity][:, 1]}
             empty = [name for name, count in counts.items() if count == self.n_rows > 0]
             partly = [f"{name} in {count}" for name, count in counts.items() if 0 < count < self.n_rows]
-            texts = [f"column {_listed(empty)} is empty: {of_all}"] if empty else []
+            texts = [f"column {listed(empty)} is empty: {of_all}"] if empty else []
             if partly:
-                texts.append(f"there is no {quantity} in some of {self.n_rows} rows ({_listed(partly)}): {of_part}")
+                texts.append(f"there is no {quantity} in some of {self.n_rows} rows ({listed(partly)}): {of_part}")
             notes += [Note(f"{quantity}-absent", text, Where(file=self.name)) for text in texts]
         return notes
 
@@ -443,8 +450,3 @@ class Cleaner:
             )
             notes.append(Note("gaps", text, Where(file=self.name, row=int(rows[0]))))
         return notes
-
-
-def _listed(words: Sequence[str], separator: str = ", ") -> str:
-    more = len(words) - _NAMED
-    return separator.join(words[:_NAMED]) + (f" and {more} more columns" if more > 0 else "")

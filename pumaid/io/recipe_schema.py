@@ -271,8 +271,8 @@ class _StrictForm(BaseModel):
         """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
         if not isinstance(data, dict):
             return data
-        kept = ("velocity", "temperature")
-        return {k: v for k, v in data.items() if v is not None or k not in cls.model_fields or k in kept}
+        nullable = ("velocity", "temperature")
+        return {k: v for k, v in data.items() if v is not None or k not in cls.model_fields or k in nullable}
 
 
 class PlacementForm(_StrictForm):
