@@ -8,8 +8,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,8 @@ _MOST_RAGGED = 1000
 #: Stands for runs of spaces and tabs between cells.
 _SPACES = " "
 _COMMENT = ("#", "%")
+#: Begins the line in which Excel keeps the delimiter.
+_SEPARATOR = ("sep=", '"sep=')
 _GZIP = b"\x1f\x8b"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -41,8 +42,7 @@ _GROUPED, _SMALL = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,])\d{3})(?:\1\d{3})*"), 
 _BAD_CELL = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: invalid value '(.*)", re.S)
 
 
-@dataclass(frozen=True, slots=True)
-class Dialect:
+class Dialect(NamedTuple):
     """How a text log is written: delimiter, decimal mark, column names, line of these (from 1), the first rows.
 
     `has_quotes` tells whether these rows have quoted cells, each within one line.
@@ -77,11 +77,14 @@ class CsvLog(LogSource):
         """
         with self._opened() as stream:
             head = stream.read(_MOST_HEAD)
-        self._encoding = _encoding(head)
+        self._encoding = "utf-16" if head.startswith(_UTF_16) else "utf-8-sig"
         if b"\0" in head[:HEAD_BYTES] and self._encoding != "utf-16":
             raise LogError("not-a-log", f"{self.name} holds binary data", Where(file=self.name), "export it as CSV")
-        text = codecs.getincrementaldecoder(self._encoding)("replace").decode(head)
-        self._dialect = _dialect(io.StringIO(text, newline=None), self.name)
+        try:
+            text = codecs.getincrementaldecoder(self._encoding)().decode(head)
+        except UnicodeDecodeError:
+            text = head.decode("latin-1")  # in which every byte is a letter
+        self._dialect = _dialect(text, self.name)
         return [LogColumn(name) for name in self._dialect.header]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
@@ -119,7 +122,7 @@ class CsvLog(LogSource):
             is_packed = stream.read(2) == _GZIP
             stream.seek(0)
             try:
-                yield pa.CompressedInputStream(stream, "gzip") if is_packed else pa.PythonFile(stream, "r")
+                yield pa.input_stream(stream, compression="gzip" if is_packed else None)
             except (pa.ArrowException, OSError, EOFError) as error:
                 if not is_packed:
                     raise
@@ -222,18 +225,7 @@ def _single_spaced(stream: Any) -> Any:
     return pa.TransformInputStream(stream, shorten)
 
 
-def _encoding(head: bytes) -> str:
-    """UTF-8, UTF-16 by its byte order mark, else Latin-1, in which every byte is a letter."""
-    if head.startswith(_UTF_16):
-        return "utf-16"
-    try:
-        codecs.getincrementaldecoder("utf-8-sig")().decode(head)
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8-sig"
-
-
-def _dialect(text: io.StringIO, name: str) -> Dialect:
+def _dialect(text: str, name: str) -> Dialect:
     """How a file that begins with this text is written.
 
     The header is the line above the first row of numbers that has as many cells; comments and other text may stand
@@ -246,7 +238,7 @@ def _dialect(text: io.StringIO, name: str) -> Dialect:
     """
     lines: list[str] = []
     numbers: list[int] = []
-    for number, line in enumerate(text):
+    for number, line in enumerate(io.StringIO(text, newline=None)):
         lines.append(line)
         if not line.startswith(_COMMENT) and _is_numeric(line):
             numbers.append(number)
@@ -254,9 +246,7 @@ def _dialect(text: io.StringIO, name: str) -> Dialect:
             break
     first = numbers[0] if numbers else len(lines)
     above = [number for number in range(first) if lines[number].strip()]
-    separator = re.fullmatch(r"\"?sep=(.)\"?", lines[above[0]].strip(), re.IGNORECASE) if above else None
-    above = above[1:] if separator else above
-    above = [number for number in above if not lines[number].startswith(_COMMENT)] or above[-1:]
+    above = [number for number in above if not lines[number].lower().startswith((*_COMMENT, *_SEPARATOR))] or above[-1:]
     body = [lines[number] for number in numbers]
     if not above and not body:
         raise LogError("empty-log", f"{name} has no line", Where(file=name), "record it again or leave it out")
@@ -265,12 +255,11 @@ def _dialect(text: io.StringIO, name: str) -> Dialect:
         mend = "put a header line on top: t,q1,...,i1,..."
         raise LogError("no-header", what, Where(file=name, line=first + 1), mend)
     place = above[-1] if body else above[0]
-    title = lines[place].lstrip("#% ")
-    delimiter = separator[1] if separator else _delimiter([title, *body])
-    if body and len(above) > 1 and len(cells(lines[above[-2]], delimiter)) == len(cells(title, delimiter)) > 1:
-        place = above[-2]  # what stands between names and numbers may be units, which no reader may pass over
-        title = lines[place]
-    header = cells(title, delimiter)
+    delimiter = _delimiter([lines[place].lstrip("#% "), *body])
+    if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
+        sizes = [len(cells(lines[number].lstrip("#% "), delimiter)) for number in above[-2:]]
+        place = above[-2] if sizes[0] == sizes[1] > 1 else place
+    header = cells(lines[place].lstrip("#% "), delimiter)
     rows = tuple(cells(line, delimiter) for line in body)
     if rows and all(len(row) == len(header) + 1 for row in rows):
         header = (*header, "")  # a delimiter at the end of each row, but not of the header
@@ -287,13 +276,13 @@ def _is_numeric(line: str) -> bool:
 
 def _delimiter(lines: list[str]) -> str:
     """The delimiter by which header and rows have the same number of cells, the most of them; spaces come last."""
-    best = (0, 0, ",")
-    for candidate in (";", "\t", "|", ",", _SPACES):
-        counts = [len(cells(line, candidate)) for line in lines]
+
+    def agreement(delimiter: str) -> tuple[int, int]:
+        counts = [len(cells(line, delimiter)) for line in lines]
         agree = sum(abs(count - counts[0]) <= 1 for count in counts)
-        if counts[0] > 1 and (agree, counts[0]) > best[:2]:
-            best = (agree, counts[0], candidate)
-    return best[2]
+        return (agree, counts[0]) if counts[0] > 1 else (0, 0)
+
+    return max((";", "\t", "|", ",", _SPACES), key=agreement)
 
 
 def cells(line: str, delimiter: str) -> tuple[str, ...]:
