@@ -374,12 +374,28 @@ class Cleaner:
         LogError [no-current, bad-samples, clock-too-coarse]
             There is no current at all, too many rows are bad, or time stands still.
         """
-        rows = [*self._restarts, *self._bad_rows(), *self._absent(), *self._tied_rows(), *self._wrapped_joints()]
-        return rows + self._uneven_times()
+        notes = [*self._restarts, *self._bad_rows()]
+        for quantity, (of_part, of_all) in _ABSENCE.items():
+            counts = {self.columns.names[at]: self._unknown[int(at)] for at in self.columns.places[quantity][:, 1]}
+            empty = [name for name, count in counts.items() if count == self.n_rows > 0]
+            partly = [f"{name} in {count}" for name, count in counts.items() if 0 < count < self.n_rows]
+            texts = [f"column {listed(empty)} is empty: {of_all}"] if empty else []
+            if partly:
+                texts.append(f"there is no {quantity} in some of {self.n_rows} rows ({listed(partly)}): {of_part}")
+            notes += [Note(f"{quantity}-absent", text, Where(file=self.name)) for text in texts]
+        notes += self._tied_rows()
+        if self._wraps:
+            named = ", ".join(f"joint {joint + 1} ({self._wraps[joint].count} times)" for joint in sorted(self._wraps))
+            joint = min(self._wraps, key=lambda joint: self._wraps[joint].first)
+            where = Where(file=self.name, row=self._wraps[joint].first, joint=joint + 1)
+            text = f"position jumps by a whole turn and is taken as continuous: {named}"
+            notes.append(Note("position-wraps", text, where))
+        return notes + self._uneven_times()
 
     def _bad_rows(self) -> list[Note]:
         currents = self.columns.places["current"][:, 1]
-        if self.n_rows and len(currents) and all(self._unknown[int(index)] == self.n_rows for index in currents):
+        absent = [self._unknown[int(index)] for index in currents]
+        if self.n_rows and absent and min(absent) == self.n_rows:
             names = [self.columns.names[index] for index in currents]
             what = f"the currents of {self.name} are empty ({listed(names)})"
             raise LogError("no-current", what, Where(file=self.name, column=names[0]), "record the motor currents")
@@ -391,23 +407,11 @@ class Cleaner:
         if self._n_bad <= MAX_BAD * self.n_rows:
             return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
         mend = "check units and columns in the recipe's log block; leave out what was not measured"
-        without = max((self._unknown[int(index)] for index in currents), default=0)
+        without = max(absent, default=0)
         if self._n_bad + without >= (1.0 - MAX_BAD) * self.n_rows and without > MAX_BAD * self.n_rows:
             mend = "positions and currents stand in different rows: join them by time (pandas.merge_asof does it)"
         column = max(self._bad, key=lambda name: self._bad[name].count)
         raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
-
-    def _absent(self) -> list[Note]:
-        notes = []
-        for quantity, (of_part, of_all) in _ABSENCE.items():
-            counts = {self.columns.names[at]: self._unknown[int(at)] for at in self.columns.places[quantity][:, 1]}
-            empty = [name for name, count in counts.items() if count == self.n_rows > 0]
-            partly = [f"{name} in {count}" for name, count in counts.items() if 0 < count < self.n_rows]
-            texts = [f"column {listed(empty)} is empty: {of_all}"] if empty else []
-            if partly:
-                texts.append(f"there is no {quantity} in some of {self.n_rows} rows ({listed(partly)}): {of_part}")
-            notes += [Note(f"{quantity}-absent", text, Where(file=self.name)) for text in texts]
-        return notes
 
     def _tied_rows(self) -> list[Note]:
         count, n_changed = self._ties.count, self._ties.count - self._n_repeated
@@ -421,14 +425,6 @@ class Cleaner:
         more = f"; {n_changed} of them hold other values: the clock is coarser than the sampling" if n_changed else ""
         return [Note("time-repeated", f"{text} and are left out{more}", where)]
 
-    def _wrapped_joints(self) -> list[Note]:
-        if not self._wraps:
-            return []
-        named = ", ".join(f"joint {joint + 1} ({self._wraps[joint].count} times)" for joint in sorted(self._wraps))
-        joint = min(self._wraps, key=lambda joint: self._wraps[joint].first)
-        where = Where(file=self.name, row=self._wraps[joint].first, joint=joint + 1)
-        return [Note("position-wraps", f"position jumps by a whole turn and is taken as continuous: {named}", where)]
-
     def _uneven_times(self) -> list[Note]:
         """A note if times jitter, and one if there are gaps."""
         notes, median = [], self.interval
@@ -436,17 +432,13 @@ class Cleaner:
         even = self._steps[self._steps <= limit]
         jitter = float(np.sqrt(np.mean((even - median) ** 2))) if len(even) else 0.0
         if jitter > max(_JITTER_SECONDS, _JITTER_SHARE * median):
-            text = (
-                f"times between samples vary by {1e3 * jitter:.2g} ms RMS about {1e3 * median:.3g} ms: where the"
-                " stamps and not the samples are uneven, speeds and friction come out wrong"
-            )
-            notes.append(Note("clock-jitter", text, Where(file=self.name)))
+            text = f"times between samples vary by {1e3 * jitter:.2g} ms RMS about {1e3 * median:.3g} ms"
+            more = "where the stamps and not the samples are uneven, speeds and friction come out wrong"
+            notes.append(Note("clock-jitter", f"{text}: {more}", Where(file=self.name)))
         rows, starts, seconds = self._long[:, self._long[2] > limit]
         if len(rows):
             more = f" ... ({len(rows)} in all, the longest {seconds.max():.3g} s)" if len(rows) > 1 else ""
-            text = (
-                f"samples are missing: {seconds[0]:.3g} s at {starts[0]:.6g} s{more}; the median interval is"
-                f" {median:.4g} s and no run crosses a gap"
-            )
-            notes.append(Note("gaps", text, Where(file=self.name, row=int(rows[0]))))
+            text = f"samples are missing: {seconds[0]:.3g} s at {starts[0]:.6g} s{more}"
+            about = f"the median interval is {median:.4g} s and no run crosses a gap"
+            notes.append(Note("gaps", f"{text}; {about}", Where(file=self.name, row=int(rows[0]))))
         return notes
