@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, refuse
+from pumaid.io.log_formats import LogColumn
 from pumaid.robot import Joint, LogFormat, Robot
 from pumaid.units import UNITS
 
@@ -100,9 +101,8 @@ def time_factor(robot: Robot) -> float:
     return UNITS[robot.log.units.get("time", "s")][1]
 
 
-def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> Columns:
-    """Find the robot's columns in the header of a file (`name` for messages), and those of `extra`, read without a
-    factor.
+def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> Columns:
+    """Find the robot's columns in a file (`name` for messages), and those of `extra`, read without a factor.
 
     Raises
     ------
@@ -110,10 +110,12 @@ def resolve(header: Sequence[str], robot: Robot, name: str, *, extra: Sequence[s
         Time or a position is absent, no current is there at all, or a needed name stands twice; with what the file has,
         the nearest name, or a `log` block to paste. Several faults are told together (`Faults`).
     """
+    header = [column.name for column in schema]
     wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
     wanted["extra"] = list(extra)
     refuse(_faults(header, robot, wanted, name))
-    names, factors = [robot.log.time], [time_factor(robot)]
+    unit = schema[header.index(robot.log.time)].unit
+    names, factors = [robot.log.time], [UNITS[unit][1] if unit else time_factor(robot)]
     places: dict[str, NDArray[np.int64]] = {}
     notes: list[Note] = []
     for quantity, asked in wanted.items():

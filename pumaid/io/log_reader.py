@@ -22,7 +22,6 @@ from pumaid.io.columns import Columns, nearest, resolve
 from pumaid.io.log_formats import HEAD_BYTES, LogSource, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.robot import Robot
-from pumaid.units import UNITS
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -120,17 +119,9 @@ class LogReader:
         with file.open("rb") as stream:
             digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
         source = log_source(file, name)
-        schema = source.schema()
-        columns = resolve([column.name for column in schema], self._robot, name, extra=self.extra)
-        unit = next(column.unit for column in schema if column.name == columns.names[0])
-        cleaner = Cleaner(
-            self._robot,
-            columns,
-            name,
-            n_extra=len(self.extra),
-            time_factor=UNITS[unit][1] if unit else None,
-            follows=next((facts.last_time for facts in reversed(self.files) if facts.rows), None),
-        )
+        columns = resolve(source.schema(), self._robot, name, extra=self.extra)
+        follows = next((facts.last_time for facts in reversed(self.files) if facts.rows), None)
+        cleaner = Cleaner(self._robot, columns, name, n_extra=len(self.extra), follows=follows)
         for rows, values in source.batches(columns.names):
             yield from cleaner.take(rows, values)
         notes = [*columns.notes, *cleaner.notes(), *source.notes]
@@ -176,24 +167,12 @@ class Cleaner:
     """Turns the batches of one file into logs, and counts what is worth a note.
 
     `columns` say what the numbers mean, `n_extra` how many columns the user asked for, whether this file has them or
-    not, `time_factor` the seconds in one unit of the file's time where the file itself states it. A first time beyond
-    `follows`, the last time of the file before (s), continues that clock. `n_rows` counts bad rows, too; `first_time`
-    and `last_time` (s) are of the samples so far.
+    not. A first time beyond `follows`, the last time of the file before (s), continues that clock. `n_rows` counts bad
+    rows, too; `first_time` and `last_time` (s) are of the samples so far.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        columns: Columns,
-        name: str,
-        *,
-        n_extra: int = 0,
-        time_factor: float | None = None,
-        follows: float | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, columns: Columns, name: str, *, n_extra: int, follows: float | None) -> None:
         self.robot, self.columns, self.name, self.n_extra, self.follows = robot, columns, name, n_extra, follows
-        self._factors = columns.factors.copy()
-        self._factors[0] = time_factor or columns.factors[0]
         self.n_rows, self._n_bad, self._n_repeated = 0, 0, 0
         self.first_time = self.last_time = math.nan
         self._begin_clock()
@@ -223,7 +202,7 @@ class Cleaner:
         LogError [time-not-rising]
             Time goes back and what follows is no new recording.
         """
-        table *= self._factors[:, None]
+        table *= self.columns.factors[:, None]
         rows, table = self._without_bad(rows, table)
         starts_clock = False
         while len(rows):
@@ -300,18 +279,8 @@ class Cleaner:
             self._clock_start = float(table[0, 0])
         self.last_time = float(table[0, -1])
         self._clock_rows += len(rows)
-        has = {quantity: len(at) > 0 for quantity, at in self.columns.places.items()}
-        return Log(
-            origin=self.name,
-            rows=rows,
-            time=table[0],
-            position=self._by_place("position", table),
-            velocity=self._by_place("velocity", table) if has["velocity"] else None,
-            current=self._by_place("current", table),
-            temperature=self._by_place("temperature", table) if has["temperature"] else None,
-            starts_clock=starts_clock,
-            extra=self._by_place("extra", table) if self.n_extra else None,
-        )
+        quantities = {quantity: self._by_place(quantity, table) for quantity in self.columns.places}
+        return Log(self.name, rows, table[0], starts_clock=starts_clock, **quantities)
 
     def _without_ties(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
         last = table[:, :1] - 1.0 if self._last is None else self._last[:, None]
@@ -358,11 +327,16 @@ class Cleaner:
             table[column] += total * math.tau
             self._turns[joint] = total[-1]
 
-    def _by_place(self, quantity: str, table: Floats) -> Floats:
-        """(N, J) of a quantity, or (N, E) of the extra columns; column after column, NaN where one is absent."""
+    def _by_place(self, quantity: str, table: Floats) -> Any:
+        """(N, J) of a quantity, or (N, E) of the extra columns, column after column, NaN where one is absent.
+
+        None where there is no velocity, no temperature, or nothing extra was asked for.
+        """
         width = self.n_extra if quantity == "extra" else self.robot.n_joints
-        values = np.full((width, table.shape[1]), np.nan)
         places = self.columns.places[quantity]
+        if not width or (not len(places) and quantity in ("velocity", "temperature")):
+            return None
+        values = np.full((width, table.shape[1]), np.nan)
         values[places[:, 0]] = table[places[:, 1]]
         return values.T
 
