@@ -43,10 +43,10 @@ _UNIT_WORDS = {
 }
 #: What the absence of a quantity's column means.
 _ABSENCE = {
-    "current": "the runs of these joints show no current and are not identified",
-    "velocity": "all velocities are derived from position",
-    "temperature": "these temperatures are not known",
-    "extra": "it counts as unknown here",
+    "current": ("current-absent", "the runs of these joints show no current and are not identified"),
+    "velocity": ("velocity-absent", "all velocities are derived from position"),
+    "temperature": ("temperature-absent", "these temperatures are not known"),
+    "extra": ("extra-absent", "it counts as unknown here"),
 }
 
 #: Wanted, not measured: never proposed while a measured column is there.
@@ -124,8 +124,8 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
         # A velocity or temperature that nobody named is passed over in silence.
         is_asked = quantity in ("current", "extra") or present or _is_named(robot.log, quantity)
         if lacking and is_asked and quantity in _ABSENCE:
-            text = f"no column {listed(lacking)}: {_ABSENCE[quantity]}"
-            notes.append(Note(f"{quantity}-absent", text, Where(file=name)))
+            slug, meaning = _ABSENCE[quantity]
+            notes.append(Note(slug, f"no column {listed(lacking)}: {meaning}", Where(file=name)))
         if quantity == "velocity" and lacking:
             present = {}
         indices = [(k, len(names) + count) for count, k in enumerate(present)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,45 +33,29 @@ class ParquetLog(LogSource):
     def schema(self) -> Sequence[LogColumn]:
         """The names; time stamps and durations have a unit of their own."""
         import pyarrow as pa
+        import pyarrow.parquet as pq
 
-        self._file = self._opened()
-        return [
-            LogColumn(field.name, field.type.unit if _is_time(pa, field.type) else "")
-            for field in self._file.schema_arrow
-        ]
+        with self._refusing_damage():
+            source = pa.OSFile(os.fsencode(self.path))
+            options = {"pre_buffer": False, "page_checksum_verification": True}  # of pages that have a checksum
+            self._file = pq.ParquetFile(source, buffer_size=_BUFFER_BYTES, **options)
+        fields = self._file.schema_arrow
+        return [LogColumn(field.name, field.type.unit if _is_time(pa, field.type) else "") for field in fields]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
-        """As `LogSource`; each page's checksum is verified where the file has one."""
+        """As `LogSource`."""
         first = 2
-        for batch in self._decoded(list(dict.fromkeys(names))):
+        batches = self._file.iter_batches(_BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False)
+        while True:
+            with self._refusing_damage():
+                batch = next(batches, None)
+            if batch is None:
+                return
             values = np.empty((len(names), batch.num_rows))
             for row, name in zip(values, names, strict=True):
                 row[:] = self._numbers(batch.column(name), name)
             yield Batch(first + np.arange(batch.num_rows), values)
             first += batch.num_rows
-
-    def _opened(self) -> Any:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        try:
-            source = pa.OSFile(os.fsencode(self.path))
-            return pq.ParquetFile(source, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True)
-        except (pa.ArrowException, OSError) as error:
-            raise self._damaged(error) from error
-
-    def _decoded(self, names: list[str]) -> Iterator[Any]:
-        import pyarrow as pa
-
-        batches = self._file.iter_batches(_BATCH_ROWS, columns=names, use_threads=False)
-        while True:
-            try:
-                batch = next(batches, None)
-            except (pa.ArrowException, OSError) as error:
-                raise self._damaged(error) from error
-            if batch is None:
-                return
-            yield batch
 
     def _numbers(self, column: pa.Array, name: str) -> NDArray[np.float64]:
         import pyarrow as pa
@@ -84,14 +69,20 @@ class ParquetLog(LogSource):
             mend = "write it as numbers, a column for each joint"
             raise LogError("not-a-number", what, Where(file=self.name, column=name), mend) from error
 
-    def _damaged(self, error: Exception) -> LogError:
-        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
-        where = Where(file=self.name)
-        if isinstance(error, MemoryError):
-            mend = "end other programs or raise the limit (ulimit -v)"
-            return LogError("no-memory", f"there is not enough memory for {self.name}: {reason}", where, mend)
-        mend = "the file was cut off or altered: record, copy or export it again"
-        return LogError("damaged-log", f"{self.name} is not a whole Parquet file: {reason}", where, mend)
+    @contextmanager
+    def _refusing_damage(self) -> Iterator[None]:
+        """Refuse what Arrow cannot read; where it gets no memory, the file is not called damaged for that."""
+        import pyarrow as pa
+
+        try:
+            yield
+        except pa.ArrowMemoryError:
+            raise
+        except (pa.ArrowException, OSError) as error:
+            reason = (str(error) or type(error).__name__).splitlines()[0][:200]
+            mend = "the file was cut off or altered: record, copy or export it again"
+            what = f"{self.name} is not a whole Parquet file: {reason}"
+            raise LogError("damaged-log", what, Where(file=self.name), mend) from error
 
 
 def _is_time(pa: Any, kind: Any) -> bool:
