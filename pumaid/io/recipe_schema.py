@@ -116,9 +116,9 @@ def _in_si(value: float, info: ValidationInfo) -> float:
     elif unit == "deg" and not is_speed and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS):
         mend = "write degrees (90, not 1.5708), or take units: {angle: deg} away"
         raise refusal(f"{shown} is a quarter turn in rad", mend, slug="recipe-angle-unit")
-    least, most, mend = _SIZES.get((key, is_rail), (0.0, 2.0 * math.pi + ROUNDING, "write it within a turn"))
-    if not least <= size * scale <= most:
-        raise refusal(f"{shown} is not between {least / scale:g} and {most / scale:g}", mend)
+    low, high, mend = _SIZES.get((key, is_rail), (0.0, 2.0 * math.pi + ROUNDING, "write it within a turn"))
+    if not low <= size * scale <= high:
+        raise refusal(f"{shown} is not between {low / scale:g} and {high / scale:g}", mend)
     return value * scale
 
 
