@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,13 +232,12 @@ def _templates(header: Sequence[str], robot: Robot) -> dict[str, bool]:
     numbers = range(robot.n_joints + 1)
     first_name = robot.joints[0].name
     for name in header:
-        for match in re.finditer(r"\d+", name):
-            before, after = name[: match.start()], name[match.end() :]
-            for key, first in (("{joint}", 1), ("{joint0}", 0)):
-                *columns, beyond = [f"{before}{first + k}{after}" in header for k in numbers]
-                if all(columns):
-                    templates[f"{before}{key}{after}"] = beyond
-        if first_name in name and all(name.replace(first_name, j.name, 1) in header for j in robot.joints):
+        places = [(name[: match.start()], name[match.end() :]) for match in re.finditer(r"\d+", name)]
+        for (before, after), (key, first) in product(places, (("{joint}", 1), ("{joint0}", 0))):
+            *columns, beyond = [f"{before}{first + k}{after}" in header for k in numbers]
+            if all(columns):
+                templates[f"{before}{key}{after}"] = beyond
+        if first_name in name and all(name.replace(first_name, joint.name, 1) in header for joint in robot.joints):
             templates[name.replace(first_name, "{name}", 1)] = False
     return templates
 

@@ -32,7 +32,7 @@ LogPath = Path | str
 class _Disk:
     """This machine's files by the names that fsspec gives the same questions."""
 
-    isdir = staticmethod(os.path.isdir)
+    isdir, open = staticmethod(os.path.isdir), staticmethod(open)
 
     @staticmethod
     def isfile(path: str) -> bool:
@@ -87,7 +87,7 @@ def is_remote(argument: object) -> bool:
 
 def _matching(argument: str) -> list[LogPath]:
     """The file of this name, the logs below a folder, or what a glob matches: files, else the logs in its folders."""
-    store, place = _store(argument) if is_remote(argument) else (_Disk, argument)
+    store, place = _store(argument)
     where = Where(file=argument)
     try:
         with _refusals():
@@ -191,18 +191,17 @@ def local_copy(path: LogPath) -> Iterator[Path]:
 def _stream(path: LogPath) -> Iterator[BinaryIO]:
     if path == STDIN:
         yield sys.stdin.buffer
-    elif isinstance(path, Path):
-        with path.open("rb") as stream:
-            yield stream
     else:
         store, place = _store(path)
         with _refusals(), store.open(place, "rb") as stream:
             yield stream
 
 
-def _store(url: str) -> tuple[Any, str]:
-    """The file system of a URL, and the path in it."""
-    where = Where(file=url)
+def _store(path: LogPath) -> tuple[Any, str]:
+    """The file system of a path or URL, and the place in it."""
+    url, where = str(path), Where(file=str(path))
+    if not is_remote(path):
+        return _Disk, url
     if "::" in url:
         what = f"{url}: an address within another one is not read"
         raise LogError("no-store", what, where, "copy the files to a folder first")
