@@ -96,22 +96,6 @@ def held(column: str, value: float | None = None, *, part: slice = slice(None)) 
     return tables(change)
 
 
-def neighbours(table: pd.DataFrame) -> pd.DataFrame:
-    """Two rows change places."""
-    return table.iloc[[*range(200), 201, 200, *range(202, len(table))]]
-
-
-def mixed_up(table: pd.DataFrame) -> pd.DataFrame:
-    """All but the times in a random order."""
-    return table.assign(**shuffled(table)[list(JOINTS)].reset_index(drop=True))
-
-
-def closed_up(table: pd.DataFrame) -> pd.DataFrame:
-    """Every fortieth row lost, and the times of the others as if none were."""
-    kept = table.drop(table.index[::40])
-    return kept.assign(t=table.t[: len(kept)].to_numpy())
-
-
 def noisy_times(share: float) -> Callable[[np.ndarray], np.ndarray]:
     """Times that jitter by a share of the interval."""
     return lambda t: np.sort(t + share / RATE * np.random.default_rng(0).uniform(-1, 1, len(t)))
@@ -173,24 +157,14 @@ def shuffled(table: pd.DataFrame) -> pd.DataFrame:
     return table.sample(frac=1.0, random_state=1)
 
 
-def lost(column: str, share: float, seed: int) -> Callable[[Path], None]:
-    """Some values of a column are 0, as a recorder writes what it has not."""
+def at_random(column: str, share: float, seed: int, change: Callable[[pd.Series], object]) -> Callable[[Path], None]:
+    """Another value in a share of the samples of a column."""
 
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        gone = np.random.default_rng(seed).random(len(table)) < share
-        return table.assign(**{column: table[column].where(~gone, 0.0)})
+    def changed(table: pd.DataFrame) -> pd.DataFrame:
+        is_hit = np.random.default_rng(seed).random(len(table)) < share
+        return table.assign(**{column: table[column].where(~is_hit, change(table[column]))})
 
-    return tables(change)
-
-
-def spikes(column: str, size: float, share: float) -> Callable[[Path], None]:
-    """Some samples of a column are larger."""
-
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        hit = np.random.default_rng(0).random(len(table)) < share
-        return table.assign(**{column: table[column] + size * hit})
-
-    return tables(change)
+    return tables(changed)
 
 
 def contact(column: str, size: float, seconds: float) -> Callable[[Path], None]:
@@ -207,12 +181,9 @@ def contact(column: str, size: float, seconds: float) -> Callable[[Path], None]:
 
 def repeated(times: int, *names: str) -> Callable[[Path], None]:
     """Columns that are measured only every so many samples."""
-
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        first = np.arange(len(table)) // times * times
-        return table.assign(**{name: table[name].to_numpy()[first] for name in names})
-
-    return tables(change)
+    return tables(
+        lambda table: table.assign(**{name: table[name][table.index // times * times].values for name in names})
+    )
 
 
 def dead_band(column: str, limit: float, *, is_drawn: bool) -> Callable[[Path], None]:
@@ -228,8 +199,6 @@ def dead_band(column: str, limit: float, *, is_drawn: bool) -> Callable[[Path], 
 HEADER = ",".join(COLUMNS).encode()
 TURN = 2 * np.pi
 DEG = 360 / TURN
-#: Sizes (A) of spikes, and the share of the samples that have one.
-SPIKES = ((0.5, 0.002), (0.5, 0.05), (5.0, 0.002), (5.0, 0.05))
 
 
 def files() -> dict[str, dict[str, Callable[[Path], None]]]:
@@ -239,14 +208,11 @@ def files() -> dict[str, dict[str, Callable[[Path], None]]]:
         "empty file": {
             "no byte": only(b""),
             "a byte order mark alone": only(b"\xef\xbb\xbf"),
-            "a comment": only(b"# nothing\n"),
-            "one null byte": only(b"\0"),
             "beside a good one": raw(lambda data: b"", only_first=True),
             "gzip of nothing": only(gzip.compress(b""), "log.csv.gz"),
             "no log in the folder": only(b"x", "notes.txt"),
         },
         "header only": {
-            "with CRLF": only(HEADER + b"\r\n"),
             "and a cut row": only(HEADER + b"\n0.1,0.2"),
             "and one row": only(HEADER + b"\n0,0,0,0,0,0,0\n"),
             "Parquet without rows": only(parquet(table.head(0)), "log.parquet"),
@@ -254,7 +220,6 @@ def files() -> dict[str, dict[str, Callable[[Path], None]]]:
         },
         "cut Parquet": {
             "at 70%": as_parquet(cut(0.7)),
-            "last byte": as_parquet(lambda data: data[:-1]),
             "its index flipped": as_parquet(lambda data: data[:-200] + data[-200:-8][::-1] + data[-8:]),
             "index length huge": as_parquet(lambda data: data[:-8] + b"\xff\xff\xff\x7fPAR1"),
             "a page zeroed": as_parquet(lambda data: data[:3000] + bytes(500) + data[3500:]),
@@ -269,16 +234,13 @@ def files() -> dict[str, dict[str, Callable[[Path], None]]]:
         "wrong magic": {
             "JSON": only(b'{"t": [0, 1]}' + b"\0\1\2\3" * 20),
             "an image": only(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + b"\0\1\2\3" * 20),
-            "random": only(np.random.default_rng(0).bytes(4000)),
             "Parquet's alone": only(b"PAR1", "log.parquet"),
-            "gzip's alone": only(b"\x1f\x8b"),
             "CSV named .parquet": only(text, "log.parquet"),
             "Parquet named .csv": only(parquet(table)),
         },
         "dialects": {
             "two byte order marks": raw(lambda data: b"\xef\xbb\xbf\xef\xbb\xbf" + data),
             "UTF-16 without a mark": raw(lambda data: data.decode().encode("utf-16-le")),
-            "some lines end in CRLF": raw(replaced(b"\n", b"\r\n", 500)),
             "CR CR LF": raw(replaced(b"\n", b"\r\r\n")),
             "commas for both, not quoted": raw(replaced(b".", b",")),
             "a delimiter after the last": raw(replaced(b"\n", b",\n")),
@@ -381,9 +343,12 @@ def clocks() -> dict[str, dict[str, Callable[[Path], None]]]:
     return {
         "shuffled rows": {
             "all": tables(shuffled),
-            "two neighbours": tables(neighbours, only_first=True),
-            "from the end": tables(lambda table: table[::-1]),
-            "values against times": tables(mixed_up),
+            "two neighbours": tables(
+                lambda table: table.iloc[[*range(200), 201, 200, *range(202, len(table))]], only_first=True
+            ),
+            "values against times": tables(
+                lambda table: table.assign(**shuffled(table)[list(JOINTS)].reset_index(drop=True))
+            ),
         },
         "repeated time": {
             "one row twice": tables(lambda table: pd.concat([table[:300], table[299:]]), only_first=True),
@@ -401,7 +366,6 @@ def clocks() -> dict[str, dict[str, Callable[[Path], None]]]:
             "2 s lost": tables(lambda table: table.drop(table.index[1500:1580]), only_first=True),
             "one row in three lost": tables(lambda table: table.drop(table.index[::3])),
             "a day between the halves": times(lambda t: t + 86400.0 * late),
-            "rows lost, times closed up": tables(closed_up),
         },
         "jitter": {
             **{f"of {share:.0%} of the interval": times(noisy_times(share)) for share in (0.1, 0.9)},
@@ -414,7 +378,6 @@ def clocks() -> dict[str, dict[str, Callable[[Path], None]]]:
             "second log at half the rate": tables(lambda table: table[::2], only_first=True),
             "slower from the middle": tables(lambda table: pd.concat([table[:1800], table[1800::2]]), only_first=True),
             "one sample a second": tables(lambda table: table[::40]),
-            "ten samples a second": tables(lambda table: table[::4]),
             "time in ms": times(lambda t: 1e3 * t),
             "time in minutes": times(lambda t: t / 60),
             "time in ms in one of two logs": times(lambda t: 1e3 * t, only_first=True),
@@ -426,11 +389,14 @@ def currents() -> dict[str, dict[str, Callable[[Path], None]]]:
     """Currents that are none, spikes, contacts, and signals that come over a slower bus."""
     return {
         "values lost as 0": {
-            f"{100 * share:g} % of {column}": lost(column, share, seed)
-            for seed, column in enumerate(("i1", "i2", "q1", "q2", "qd1"))
+            f"{100 * share:g} % of {column}": at_random(column, share, seed, lambda values: 0.0 * values)
+            for seed, column in enumerate(("i1", "q2", "qd1"))
             for share in (0.001, 0.1)
         },
-        "spikes": {f"{size:g} A in {share:.1%} of i1": spikes("i1", size, share) for size, share in SPIKES},
+        "spikes": {
+            f"{size:g} A in {share:.1%} of i1": at_random("i1", share, 0, lambda values, size=size: values + size)
+            for size, share in ((0.5, 0.002), (0.5, 0.05), (5.0, 0.002), (5.0, 0.05))
+        },
         "contacts": {
             f"{size:g} A for {seconds:g} s at joint {joint}": contact(f"i{joint}", size, seconds)
             for size, seconds, joint in ((0.2, 1.5, 1), (0.2, 0.5, 2), (1.0, 0.5, 1), (-1.0, 1.5, 2))
@@ -441,7 +407,6 @@ def currents() -> dict[str, dict[str, Callable[[Path], None]]]:
             for names in ("i1 i2", "q1 q2 qd1 qd2")
         },
         "constant current": {
-            "i1 zero": held("i1", 0.0),
             "i2 at its first value": held("i2"),
             "i1 frozen over a half": held("i1", part=slice(1800, None)),
             "i2 frozen over 5 s": held("i2", part=slice(1800, 2000)),
@@ -456,7 +421,6 @@ def currents() -> dict[str, dict[str, Callable[[Path], None]]]:
             "i1 at 1.5 A": tables(plus(i1=lambda table: table.i1.clip(-1.5, 1.5))),
             "i2 at 1 A one way": tables(plus(i2=lambda table: table.i2.clip(upper=1.0))),
             "i2 in steps of 0.1 A": tables(plus(i2=lambda table: (table.i2 * 10).round() / 10)),
-            "i2 in steps of 1 A": tables(plus(i2=lambda table: table.i2.round())),
             "q1 stands while the arm moves": held("q1", part=slice(500, 1500)),
         },
         "dead band": {
@@ -475,14 +439,11 @@ def units_and_changes() -> dict[str, dict[str, Callable[[Path], None]]]:
     """Degrees for radians and other units; what is another thing in one log than in the other."""
     no_velocity = without("qd1", "qd2")
     changed = {
-        "zero of i1 by 0.02 A": plus(i1=lambda table: table.i1 + 0.02),
         "zero of i2 by -0.1 A": plus(i2=lambda table: table.i2 - 0.1),
-        "encoder 1 by 0.02 rad": plus(q1=lambda table: table.q1 + 0.02),
         "encoder 1 by 0.1 rad": plus(q1=lambda table: table.q1 + 0.1),
         "encoder 2 by 90 deg": plus(q2=lambda table: table.q2 + np.pi / 2),
         "friction of joint 1 by 0.05 A": plus(i1=friction(1, 0.05)),
         "friction of joint 2 by 0.4 A": plus(i2=friction(2, 0.4)),
-        "gain of joint 1 by 1.02": times_by(i1=1.02),
         "gain of joint 1 by 0.9": times_by(i1=0.9),
         "twice the load": plus(i1=lambda table: table.i1 + 3.5 * np.sin(table.q1)),
         "a wall-mounted arm's": plus(i1=lambda table: 3.5 * np.cos(table.q1) + table.i2),
@@ -492,7 +453,6 @@ def units_and_changes() -> dict[str, dict[str, Callable[[Path], None]]]:
     return {
         "changed between logs": {name: tables(change, only_first=True) for name, change in changed.items()},
         "degrees for radians": {
-            "positions": scaled(DEG, "q1", "q2"),
             "positions and velocities": scaled(DEG, "q1", "q2", "qd1", "qd2"),
             "velocities": scaled(DEG, "qd1", "qd2"),
             "positions without velocities": tables(lambda table: times_by(q1=DEG, q2=DEG)(no_velocity(table))),
@@ -500,7 +460,6 @@ def units_and_changes() -> dict[str, dict[str, Callable[[Path], None]]]:
             "one joint without velocities": tables(lambda table: times_by(q2=DEG)(no_velocity(table))),
         },
         "other units": {
-            "turns": scaled(1 / TURN, "q1", "q2"),
             "turns with velocities": scaled(1 / TURN, "q1", "q2", "qd1", "qd2"),
             "encoder counts": scaled(4096 / TURN, "q1", "q2"),
             "a joint backwards, position only": scaled(-1.0, "q1"),
