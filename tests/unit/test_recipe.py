@@ -33,6 +33,11 @@ source: a test
 """
 
 
+#: Ten levels of nine aliases each.
+LAUGHS = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+LAUGHS += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+
+
 @pytest.fixture
 def recipe(tmp_path: Path):
     """A function that writes a text and reads it as a recipe."""
@@ -51,38 +56,33 @@ def faults_of(read, text: str | bytes) -> list[PumaidError]:
     return list(caught.value.faults) if isinstance(caught.value, Faults) else [caught.value]
 
 
-def test_angles_become_rad(recipe) -> None:
-    """Twist, offset, limits and speed of a revolute joint are turned from deg to rad."""
+def test_a_file_of_degrees_becomes_si(recipe) -> None:
+    """Angles and speeds of a revolute joint become rad; a slide has m and m/s, and a constant turn."""
     robot = recipe(GOOD)
     assert robot.joint(3).alpha == pytest.approx(-math.pi / 2)
     assert robot.joint(3).theta == pytest.approx(math.pi / 4)
     assert robot.joint(1).limits == pytest.approx((-math.radians(160), math.radians(160)))
     assert robot.joint(1).max_velocity == pytest.approx(math.radians(100))
-
-
-def test_a_prismatic_joint_stays_in_metres(recipe) -> None:
-    """Limits and speed of a prismatic joint are m and m/s in a file of degrees too; its constant turn is an angle."""
-    boom = recipe(GOOD).joint(2)
+    boom = robot.joint(2)
     assert (boom.d, boom.limits, boom.max_velocity) == (0.3, (0.0, 0.5), 1.0)
     assert (boom.theta, boom.alpha) == pytest.approx((math.pi, math.pi / 2))
+    assert robot.digest == hashlib.sha256(GOOD.encode()).hexdigest()
 
 
-def test_pi_may_be_written(recipe) -> None:
-    """In a file of rad, pi/2, -pi and 3*pi/4 are numbers."""
-    text = "name: x\ngravity: [0, 0, -9.8]\njoints:\n  - {type: revolute, alpha: -pi/2, a: 0, d: 0, theta: 3*pi/4}\n"
-    joint = recipe(text).joint(1)
-    assert (joint.alpha, joint.theta) == pytest.approx((-math.pi / 2, 0.75 * math.pi))
+def test_a_short_file_of_radians(recipe) -> None:
+    """pi/2, -pi and 3*pi/4 are numbers; a key whose lines are all commented out reads as if it were absent."""
+    joint = "{type: revolute, alpha: -pi/2, a: 0, d: 0, theta: 3*pi/4}"
+    robot = recipe(f"name: x\ngravity: [0, 0, -9.8]\njoints:\n  - {joint}\nlog:\neffects:\nunits:\n")
+    assert (robot.joint(1).alpha, robot.joint(1).theta) == pytest.approx((-math.pi / 2, 0.75 * math.pi))
+    assert robot.log.position == "q{joint}"
+    assert robot.effects == ()
 
 
-def test_log_units_are_complete_and_velocity_follows_position(recipe) -> None:
-    """Degrees for position mean deg/s for velocity unless the recipe says otherwise; prismatic joints are in m."""
+def test_units_and_columns_of_logs(recipe) -> None:
+    """Velocity follows position if not given; {joint} counts from 1, {joint0} from 0, {name} is the joint's."""
     units = recipe(GOOD).log.units
     assert (units["position"], units["velocity"]) == ("deg", "deg/s")
     assert (units["prismatic_position"], units["current"], units["time"]) == ("m", "A", "s")
-
-
-def test_columns_count_from_one_zero_or_by_name(recipe) -> None:
-    """{joint} counts from 1, {joint0} from 0, {name} is the joint's name."""
     text = GOOD.replace('"p{joint0}"', '"p_{name}"\n  velocity: "v{joint0}"\n  current: "i{joint:02d}"')
     log = recipe(text).log
     assert [log.column(quantity, 2) for quantity in ("position", "velocity", "current")] == ["p_boom", "v1", "i02"]
@@ -97,11 +97,6 @@ def test_effects_are_kept_with_their_joint_as_a_number(recipe) -> None:
         ("load_friction", None),
     ]
     assert choices[0].shape == {"velocity": 0.1}
-
-
-def test_digest_is_of_the_bytes(recipe) -> None:
-    """A recipe's digest is what sha256sum prints for the file."""
-    assert recipe(GOOD).digest == hashlib.sha256(GOOD.encode()).hexdigest()
 
 
 @pytest.mark.parametrize(
@@ -208,30 +203,13 @@ def test_a_slip_in_a_required_key_is_told_once(recipe) -> None:
         (b"a: " + b"9" * 6000, "number"),
         (b"#" * 300_000, "bytes"),
         (b"? [1, 2]\n: 3\n", "cannot be a key"),
+        ("\n".join(LAUGHS).encode(), "aliases"),
     ],
 )
 def test_what_is_no_recipe_at_all_is_refused(recipe, content: bytes, said: str) -> None:
     """Empty, binary, broken, tagged, bottomless and huge files are refused in a sentence."""
     (fault,) = faults_of(recipe, content)
     assert said in fault.what
-
-
-def test_aliases_cannot_explode(recipe) -> None:
-    """Ten levels of nine aliases each are refused before they are expanded."""
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
-    (fault,) = faults_of(recipe, "\n".join(lines))
-    assert "aliases" in fault.what
-
-
-def test_a_block_that_is_commented_out_means_its_default(recipe) -> None:
-    """A key whose lines are all commented out reads as if it were absent."""
-    text = (
-        "name: x\ngravity: [0, 0, -9.8]\njoints:\n  - {type: revolute, alpha: 0, a: 0, d: 0}\nlog:\neffects:\nunits:\n"
-    )
-    robot = recipe(text)
-    assert robot.log.position == "q{joint}"
-    assert robot.effects == ()
 
 
 @pytest.mark.parametrize("name", sorted(shipped_recipes()))
