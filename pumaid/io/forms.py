@@ -6,10 +6,10 @@ import difflib
 import json
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, NoReturn, TypeVar, get_args
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
@@ -23,9 +23,6 @@ from pumaid.errors import Faults, PumaidError, RecipeError, Where, listed
 MAX_BYTES, MAX_DEPTH, MAX_VALUES = 200_000, 20, 200_000
 #: Most faults of one file that are listed; the others are counted.
 MOST_FAULTS = 20
-
-#: YAML's tags of plain values.
-_TAGS = ("map", "seq", "str", "int", "float", "bool", "null", "timestamp", "merge")
 
 #: YAML's tags of plain values.
 _TAGS = ("map", "seq", "str", "int", "float", "bool", "null", "timestamp", "merge")
@@ -189,41 +186,43 @@ def refusal(what: str, mend: str = "", *, slug: str = "recipe-bad-value") -> Exc
 
 
 def validated(
-    form: type[Form], document: Document, file: str, *, kind: type[PumaidError], slug: str = "", context: Any = None
+    form: type[Form],
+    document: Document,
+    file: str,
+    *,
+    kind: type[PumaidError],
+    slug: str = "",
+    context: Any = None,
+    between: Callable[[Form], Iterable[Fault]] = lambda form: (),
 ) -> Form:
     """A document's data as a form whose fields' ``examples`` show what they look like.
+
+    A misspelt key is not told as missing too, and a wrong unit of angles once; of many faults the first are told.
 
     Raises
     ------
     PumaidError, or Faults of several
-        Of type `kind`, every fault with its slug, or all with `slug`.
+        Of type `kind`, every fault in the order of the lines with its slug, or all with `slug`; those `between` several
+        values where each is good.
     """
     try:
         out = form.model_validate(document.data, context=context)
-        faults = []
+        faults = [*document.doubled, *between(out)]
+        if not faults:
+            return out
     except ValidationError as error:
-        faults = [_fault(dict(entry), form) for entry in error.errors(include_url=False)]
-    if faults or document.doubled:
-        refuse(file, document, faults, kind=kind, slug=slug)
-    return out
-
-
-def refuse(
-    file: str, document: Document, faults: Sequence[Fault], *, kind: type[PumaidError], slug: str = ""
-) -> NoReturn:
-    """Raise every fault, in the order of the file's lines, of many the first; a misspelt key is not told as missing
-    too, and a wrong unit of angles once.
-    """
+        faults = [*document.doubled, *(_fault(dict(entry), form) for entry in error.errors(include_url=False))]
     degrees = [fault for fault in faults if fault.slug == "recipe-angle-unit"]
-    faults = [fault for fault in (*document.doubled, *faults) if fault not in degrees[1:]]
     slips = {(fault.path[:-1], fault.mend) for fault in faults}
     errors = []
-    for path, its_slug, what, mend in faults:
-        if what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips:
+    for fault in faults:
+        path, what = fault.path, fault.what
+        is_slip = what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips
+        if is_slip or fault in degrees[1:]:
             continue
         joint = path[1] + 1 if len(path) > 1 and path[0] == "joints" and isinstance(path[1], int) else None
         where = Where(file=file, line=document.line_of(path), joint=joint, field=dotted(path) or None)
-        errors.append(kind(slug or its_slug, what, where, mend))
+        errors.append(kind(slug or fault.slug, what, where, fault.mend))
     errors.sort(key=lambda error: error.where.line or 0)
     if len(errors) > MOST_FAULTS:
         last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
 
 from pumaid.errors import RecipeError, Where
-from pumaid.io.forms import MAX_BYTES, file_name, nearest, parsed_yaml, read_bytes, refuse, shown, validated
+from pumaid.io.forms import MAX_BYTES, file_name, nearest, parsed_yaml, read_bytes, shown, validated
 from pumaid.io.recipe_schema import ArmForm, JointForm, LogForm, RecipeForm, SafetyForm, coupled, faults_between
 from pumaid.kinematics import Floats, placement, turn_of_z
 from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
@@ -46,10 +47,8 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         what = f"this is a {data['kind']} file, not a recipe"
         raise RecipeError("recipe-bad-value", what, where, "give the robot's recipe")
     arm = ArmForm.of(data)
-    form = validated(RecipeForm, document, name, kind=RecipeError, context=arm)
-    faults = list(faults_between(form, arm.names))
-    if faults:
-        refuse(name, document, faults, kind=RecipeError)
+    between = partial(faults_between, names=arm.names)
+    form = validated(RecipeForm, document, name, kind=RecipeError, context=arm, between=between)
     joints, turns = _joints(form.joints, arm.names)
     return Robot(
         form.name,
@@ -158,10 +157,8 @@ def _given(given: Path) -> Path:
     if str(given) in shipped:
         return shipped[str(given)]
     near = nearest(given.name.removesuffix(".yaml"), shipped) if given.parent == Path() else None
-    mend = "check the path; pumaid init --list names shipped recipes"
-    mend = f"did you mean the shipped recipe {near}?" if near else mend
-    reason = f"{given} is a folder without {RECIPE_NAME}" if given.is_dir() else f"there is no file {given}"
-    raise RecipeError("recipe-not-found", reason, Where(file=str(given)), mend)
+    mend = f"did you mean the shipped recipe {near}?" if near else "pumaid init --list names shipped recipes"
+    raise RecipeError("recipe-not-found", f"no recipe is at {given}", Where(file=str(given)), mend)
 
 
 def _folder_of(log: Path) -> Path:
