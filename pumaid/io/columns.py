@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, refuse
-from pumaid.io.log_formats import LogColumn
+from pumaid.io.formats import LogColumn
 from pumaid.robot import Joint, LogFormat, Robot
 from pumaid.units import UNITS
 

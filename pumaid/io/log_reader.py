@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, Where, listed
 from pumaid.io.columns import Columns, nearest, resolve
-from pumaid.io.log_formats import HEAD_BYTES, LogSource, log_format
+from pumaid.io.formats import HEAD_BYTES, LogSource, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.robot import Robot
 

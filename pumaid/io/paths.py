@@ -16,7 +16,7 @@ from pathlib import Path, PurePath
 from typing import Any, BinaryIO
 
 from pumaid.errors import LogError, Where, listed
-from pumaid.io.log_formats import HEAD_BYTES, endings, log_format
+from pumaid.io.formats import HEAD_BYTES, endings, log_format
 
 #: Stands for standard input.
 STDIN = Path("-")

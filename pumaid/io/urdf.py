@@ -278,25 +278,25 @@ def _read(path: Path) -> UrdfFile:
 
 def _parsed(content: bytes, file: str) -> ElementTree.Element:
     """The element <robot>, tags without namespaces."""
-
-    def refusal(what: str, mend: str, line: int | None = None) -> RecipeError:
-        return RecipeError("urdf-refused", what[:200], Where(file=file, line=line), mend)
-
+    line, what, mend = None, "", ""
     try:
         robot = ElementTree.fromstring(content, ElementTree.XMLParser(target=_Builder()))
     except ElementTree.ParseError as error:
-        raise refusal(f"this is not XML: {error}", "every tag must be closed and quoted", error.position[0]) from error
+        line, what, mend = error.position[0], f"this is not XML: {error}", "every tag must be closed and quoted"
     except (LookupError, ValueError) as error:  # an encoding that Python lacks, or that does not fit the bytes
-        raise refusal(f"the text cannot be read: {error}", "save the file as plain UTF-8") from error
-    for element in robot.iter():
-        space, _, tag = element.tag.rpartition("}")
-        macro = next((text for text in element.attrib.values() if "${" in text or "$(" in text), None)
-        if space.endswith("xacro") or macro is not None:
-            mend = "run: xacro FILE > arm.urdf   (with ROS 2: ros2 run xacro xacro FILE), then give arm.urdf"
-            raise refusal(f"this is a xacro file, not a URDF: {macro or f'<{tag}>'}", mend)
-        element.tag = tag
-    if robot.tag != "robot":
-        raise refusal(f"the file holds <{robot.tag[:40]}>, not <robot>", "give the arm's URDF")
+        what, mend = f"the text cannot be read: {error}", "save the file as plain UTF-8"
+    else:
+        for element in robot.iter():
+            space, _, tag = element.tag.rpartition("}")
+            macro = next((text for text in element.attrib.values() if "${" in text or "$(" in text), None)
+            if space.endswith("xacro") or macro is not None:
+                what = f"this is a xacro file, not a URDF: {macro or f'<{tag}>'}"
+                mend = "run: xacro FILE > arm.urdf   (with ROS 2: ros2 run xacro xacro FILE), then give arm.urdf"
+            element.tag = tag
+        if robot.tag != "robot":
+            what, mend = f"the file holds <{robot.tag[:40]}>, not <robot>", "give the arm's URDF"
+    if what:
+        raise RecipeError("urdf-refused", what[:200], Where(file=file, line=line), mend)
     return robot
 
 

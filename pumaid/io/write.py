@@ -135,7 +135,7 @@ def locked(folder: Path, *, patience: float = PATIENCE) -> Iterator[None]:
         return
     try:
         end = time.monotonic() + patience
-        while not _locks(fcntl, handle):
+        while _is_busy(fcntl, handle):
             if time.monotonic() > end:
                 what = f"another run of pumaid has been writing to {folder} for {patience:g} s"
                 mend = "wait until it is over, or write elsewhere with --results"
@@ -146,15 +146,13 @@ def locked(folder: Path, *, patience: float = PATIENCE) -> Iterator[None]:
         os.close(handle)
 
 
-def _locks(fcntl: object, handle: int) -> bool:
-    """Whether the lock was taken, or the file system has none."""
+def _is_busy(fcntl: Any, handle: int) -> bool:
+    """Whether another process has the lock; where the file system has none, nobody has."""
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined]
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
-    return True
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
+    return False
 
 
 def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
@@ -262,27 +260,25 @@ def write_session(
         The folder holds logs already (measured and simulated ones must not mix), the disk refuses, or another run does
         not let go of the folder.
     """
-    parts: list[tuple[int, float, float]] = []
+    files: dict[str, tuple[int, float, float]] = {}
 
     def watched(batches: Iterable[Log]) -> Iterator[Log]:
         for log in batches:
-            parts.append((len(log), float(log.time[0]), float(log.time[-1])))
-            progress(parts[-1][2])
+            count, first, _ = files.get(log.origin, (0, float(log.time[0]), 0.0))
+            files[log.origin] = (count + len(log), first, float(log.time[-1]))
+            progress(float(log.time[-1]))
             yield log
 
     if folder == STDIN:
         write_log(folder, watched(logs), robot)
         return []
-    files = []
     with locked(folder):
         for path in _replaced(folder, force):
             path.unlink()
         write_file(folder / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
-        for origin, batches in groupby(logs, key=lambda log: log.origin):
-            parts.clear()
-            write_log(folder / f"{origin}.{form}", watched(batches), robot)
-            files.append((f"{origin}.{form}", sum(part[0] for part in parts), parts[0][1], parts[-1][2]))
-    return files
+        for origin, batches in groupby(watched(logs), key=lambda log: log.origin):
+            write_log(folder / f"{origin}.{form}", batches, robot)
+    return [(f"{origin}.{form}", *facts) for origin, facts in files.items()]
 
 
 def read_truth(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ import pumaid.reporting.sections
 from pumaid.cli import group
 from pumaid.effects import catalogue
 from pumaid.exports import every_form, export
-from pumaid.io.log_formats import log_formats
+from pumaid.io.formats import log_formats
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.reporting.page import all_figures, all_sections, page
@@ -38,7 +38,7 @@ class Dummy(Effect):
 LOG_FORMAT = '''
 """Numbers behind a line with their names."""
 import numpy as np
-from pumaid.io.log_formats import Batch, LogColumn, LogSource
+from pumaid.io.formats import Batch, LogColumn, LogSource
 
 class DummyLog(LogSource):
     """DUMMY, names, rows of numbers."""

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pumaid.io.log_formats import floats
+from pumaid.io.formats import floats
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 

@@ -1,1 +1,146 @@
-"""Log formats, a file each: `pumaid.io.log_formats` finds every `LogSource` that a module here defines."""
+"""Log formats, a module each: what a format is to the reader, and how the format of a file is found."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pumaid.errors import LogError, Note, Where
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: Bytes of a file's beginning by which its format is recognised.
+HEAD_BYTES = 1 << 16
+#: First bytes of what is read by no format, and what it is.
+_FOREIGN = {
+    b"PK\x03\x04": "a spreadsheet or zip archive",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook",
+    b"\x89HDF": "an HDF5 or MATLAB 7.3 file",
+    b"MATLAB": "a MATLAB file",
+    b"#ROSBAG": "a ROS bag",
+    b"\x89MCAP": "an MCAP recording",
+    b"SQLite format": "an SQLite database",
+    b"\x28\xb5\x2f\xfd": "compressed by zstd (gzip is read as it is)",
+    b"\xfd7zXZ\x00": "compressed by xz (gzip is read as it is)",
+    b"BZh": "compressed by bzip2 (gzip is read as it is)",
+    b"\x04\x22\x4d\x18": "compressed by lz4 (gzip is read as it is)",
+    b"ARROW1": "an Arrow file",
+    b"\x93NUMPY": "a NumPy array",
+    b"[{": "JSON",
+    b"{": "JSON",
+    b"<": "XML or HTML",
+}
+
+
+class LogColumn(NamedTuple):
+    """A column of a log: its name, and the unit of time (s, ms, us, ns) where the file itself states one."""
+
+    name: str
+    unit: str = ""
+
+
+class Batch(NamedTuple):
+    """Consecutive rows: (N,) numbers, counted as an editor counts lines, and (C, N) values, NaN where there is none."""
+
+    rows: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+class LogSource(ABC):
+    """A log file (`path`, on this machine) as columns of numbers; a format is a subclass in a module
+    of this package.
+
+    Attributes
+    ----------
+    endings
+        Of files of this format; such files are found in folders.
+    is_fallback
+        Whether the format is tried only where no other one recognises a file.
+    notes
+        What is worth a note, complete after the last batch.
+    """
+
+    endings: ClassVar[tuple[str, ...]]
+    is_fallback: ClassVar[bool] = False
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.path, self.name = path, name
+        self.notes: list[Note] = []
+
+    @classmethod
+    @abstractmethod
+    def sniff(cls, head: bytes) -> bool:
+        """Whether a file with these first `HEAD_BYTES` bytes is of this format."""
+
+    @abstractmethod
+    def schema(self) -> Sequence[LogColumn]:
+        """The columns in the file's order."""
+
+    @abstractmethod
+    def batches(self, names: Sequence[str]) -> Iterator[Batch]:
+        """The values of the named columns, in the order of `names`, batch by batch.
+
+        Raises
+        ------
+        LogError
+            A column holds no numbers, or the file is damaged.
+        """
+
+
+def floats(column: pa.Array) -> NDArray[np.float64]:
+    """A column of float64 as (N,) numbers, NaN where it has none.
+
+    Arrow's own ``to_numpy`` loads pandas, which takes longer than a million rows: so the numbers are taken as they lie
+    in memory.
+    """
+    if not len(column):
+        return np.zeros(0)
+    validity, numbers = column.buffers()
+    values = np.frombuffer(numbers, dtype=np.float64, count=len(column), offset=8 * column.offset)
+    if not column.null_count:
+        return values
+    bits = np.unpackbits(np.frombuffer(validity, dtype=np.uint8), bitorder="little")
+    return np.where(bits[column.offset : column.offset + len(column)], values, np.nan)
+
+
+@cache
+def log_formats() -> tuple[type[LogSource], ...]:
+    """All formats, those that recognise files by themselves first."""
+    classes = []
+    for module in pkgutil.iter_modules(__path__):
+        contents = vars(importlib.import_module(f"{__name__}.{module.name}")).values()
+        sources = [item for item in contents if inspect.isclass(item) and issubclass(item, LogSource)]
+        classes += [item for item in sources if not inspect.isabstract(item)]
+    return tuple(sorted(classes, key=lambda item: item.is_fallback))
+
+
+def endings() -> tuple[str, ...]:
+    """Endings of the logs that are found in folders, in lower case."""
+    return tuple(ending for item in log_formats() for ending in item.endings)
+
+
+def log_format(head: bytes, name: str) -> type[LogSource]:
+    """The format of a file with these first `HEAD_BYTES` bytes.
+
+    Raises
+    ------
+    LogError [not-a-log]
+        There is none.
+    """
+    sure = [item for item in log_formats() if not item.is_fallback and item.sniff(head)]
+    foreign = next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), None)
+    fitting = sure or ([] if foreign else [item for item in log_formats() if item.sniff(head)])
+    if not fitting:
+        what = f"{name} is {foreign or 'binary data'}, not CSV or Parquet"
+        raise LogError("not-a-log", what, Where(file=name), "export it as one of them")
+    return fitting[0]

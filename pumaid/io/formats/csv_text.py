@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.io.log_formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats
+from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
 _NO_NUMBER = ("", " ", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#inf")

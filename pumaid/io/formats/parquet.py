@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Where
-from pumaid.io.log_formats import Batch, LogColumn, LogSource, floats
+from pumaid.io.formats import Batch, LogColumn, LogSource, floats
 
 if TYPE_CHECKING:
     import pyarrow as pa
