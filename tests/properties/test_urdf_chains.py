@@ -45,7 +45,7 @@ JOINTS = st.builds(
 CHAINS = st.lists(JOINTS, min_size=1, max_size=9).filter(lambda chain: any(joint.kind != "fixed" for joint in chain))
 
 
-@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=50, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(joints=CHAINS, seed=st.integers(0, 1000))
 def test_any_serial_chain_gives_its_own_axes(tmp_path: Path, joints: list[Stated], seed: int) -> None:
     """Every axis lies where pinocchio has it, and gravity, turned back into the root link, is along its -z."""

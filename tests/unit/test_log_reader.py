@@ -210,15 +210,9 @@ def test_what_is_written_reads_back(tmp_path: Path, ending: str) -> None:
 def test_a_recipe_turns_units_and_signs(tmp_path: Path) -> None:
     """Numbers by hand: 90 deg, 10 rpm and 500 mA of a joint counted the other way."""
     (tmp_path / "a.csv").write_text("time_ms,p0,v0,c0\n0,90,10,500\n10,91,10,500\n")
-    robot = arm(
-        1,
-        time="time_ms",
-        position="p{joint0}",
-        velocity="v{joint0}",
-        current="c{joint0}",
-        units={"time": "ms", "position": "deg", "velocity": "rpm", "current": "mA"},
-        signs={"position": (-1,), "current": (-1,)},
-    )
+    columns = {"time": "time_ms", "position": "p{joint0}", "velocity": "v{joint0}", "current": "c{joint0}"}
+    units = {"time": "ms", "position": "deg", "velocity": "rpm", "current": "mA"}
+    robot = arm(1, **columns, units=units, signs={"position": (-1,), "current": (-1,)})
     log, _ = read(tmp_path / "a.csv", robot)
     assert log.time.tolist() == [0.0, 0.01] and log.position[0, 0] == pytest.approx(-np.pi / 2, abs=1e-12)
     assert log.velocity is not None and log.velocity[0, 0] == pytest.approx(-np.pi / 3, abs=1e-12)
@@ -237,14 +231,16 @@ def test_standard_input_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 
 
 def test_files_share_a_clock_only_where_times_follow(tmp_path: Path) -> None:
-    """The second file goes on, the third starts anew."""
+    """The second file goes on, the third starts anew; one without rows stops nothing and is noted."""
+    (tmp_path / "d.csv").write_text("t,q1,q2,i1,i2\n")
     for name, start in (("a", 0.0), ("b", 5.0), ("c", 0.0)):
         log = motion(50)
         log.time[:] += start
         write_log(tmp_path / f"{name}.csv", [log], arm())
-    reader = LogReader([tmp_path / f"{name}.csv" for name in "abc"], arm())
+    reader = LogReader([tmp_path / f"{name}.csv" for name in "abcd"], arm())
     assert [log.starts_clock for log in reader] == [False, False, True]
-    assert [facts.rows for facts in reader.files] == [50, 50, 50]
+    assert [facts.rows for facts in reader.files] == [50, 50, 50, 0]
+    assert [note.slug for note in reader.notes] == ["empty-log"]
     assert reader.files[1].first_time == 5.0 and reader.files[1].interval == pytest.approx(0.01)
 
 
@@ -313,14 +309,6 @@ def test_a_cut_last_row_is_left_out_whatever_follows_and_however_it_is_read(tmp_
     (tmp_path / "a.csv").write_text(text(motion(40)).rstrip()[:-20] + end)
     log, reader = read(tmp_path / "a.csv", arm())
     assert len(log) == 39 and [note.slug for note in reader.notes] == ["last-row-cut"]
-
-
-def test_one_empty_file_among_others_is_noted(tmp_path: Path) -> None:
-    """A recording without rows stops nothing."""
-    (tmp_path / "a.csv").write_text("t,q1,q2,i1,i2\n")
-    (tmp_path / "b.csv").write_text(text(motion(20)))
-    _, reader = read([tmp_path / "a.csv", tmp_path / "b.csv"], arm())
-    assert [note.slug for note in reader.notes] == ["empty-log"] and len(reader.files) == 2
 
 
 def test_a_hole_in_time_is_told(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_csv_round_trip(tmp_path):
 
 
 def test_hand_written_plan_is_read(tmp_path):
-    """A plan of the contract's keys alone is enough; purpose is fit where it is not said."""
+    """A plan of the contract's keys alone is enough; purpose is fit where it is not said; another robot's is noted."""
     found = read(tmp_path, GOOD)
     assert [motion.purpose for motion in found.motions] == ["fit", "heldout", "fit"]
     assert found.motions[1].velocity == pytest.approx(np.radians(30))
@@ -101,10 +101,6 @@ def test_hand_written_plan_is_read(tmp_path):
     assert found.notes == ()
     (run,) = read(tmp_path, RADIANS).motions
     assert (run.start, run.end) == (1.0, -1.0)
-
-
-def test_other_robots_name_is_noted(tmp_path):
-    """A plan that names another robot with as many joints is read, with a note."""
     (note,) = read(tmp_path, GOOD.replace("Lift & tip: 2", "Other")).notes
     assert note.slug == "plan-other-robot"
 
