@@ -123,7 +123,8 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
         present = {k: column for k, column in enumerate(asked) if column in header}
         lacking = [column for column in asked if column is not None and column not in header]
         # A velocity or temperature that nobody named is passed over in silence.
-        is_asked = quantity in ("current", "extra") or present or _is_named(robot.log, quantity)
+        usual = getattr(LogFormat(), quantity, None)
+        is_asked = quantity in ("current", "extra") or present or getattr(robot.log, quantity) != usual
         if lacking and is_asked and quantity in _ABSENCE:
             slug, meaning = _ABSENCE[quantity]
             notes.append(Note(slug, f"no column {listed(lacking)}: {meaning}", Where(file=name)))
@@ -140,11 +141,6 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
         text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"
         notes.append(Note("more-joints", text, Where(file=name)))
     return Columns(tuple(names), np.array(factors), places, tuple(notes))
-
-
-def _is_named(form: LogFormat, quantity: str) -> bool:
-    """Whether a recipe names other columns for a quantity than the usual ones."""
-    return quantity in QUANTITIES and getattr(form, quantity) != getattr(LogFormat(), quantity)
 
 
 def _faults(

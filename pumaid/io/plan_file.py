@@ -76,9 +76,9 @@ def _joint_number(joint: int, info: ValidationInfo) -> int:
 
 def _within_limits(joint: int, value: float, arm: _PlannedArm) -> float:
     """A position in SI; one outside the joint's limits is refused."""
-    (unit, scale), limits = arm.unit(joint), arm.robot.joint(joint).limits
-    low, high = (-math.inf, math.inf) if limits is None else (limit / scale for limit in limits)
-    slack = 0.0 if limits is None else _ROUNDING * (high - low)
+    unit, scale = arm.unit(joint)
+    low, high = (limit / scale for limit in arm.robot.joint(joint).limits or (-math.inf, math.inf))
+    slack = _ROUNDING * (high - low) if high < math.inf else 0.0
     if not low - slack <= value <= high + slack:
         what = f"{value:g} {unit} is outside joint {joint}'s limits {number(low)}..{number(high)} {unit}"
         raise refusal(what, "stay inside the limits, or correct them in the recipe")

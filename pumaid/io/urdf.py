@@ -124,17 +124,20 @@ class UrdfFile:
         children = {joint.child for joint in self.joints}
         return [link for link in self.links if link not in children]
 
-    def below(self, links: Iterable[str], *, is_rigid: bool = False) -> list[str]:
-        """These links and all that they carry (or, rigidly, all that is fixed to them), carriers first."""
+    def below(self, links: Iterable[str]) -> list[str]:
+        """These links and all that they carry, carriers first."""
         below = list(links)
         for link in below:
-            below += [joint.child for joint in self.carried[link] if not (is_rigid and joint.moves)]
+            below += [joint.child for joint in self.carried[link]]
         return below
 
     def branches(self, link: str) -> list[UrdfJoint]:
         """Moving joints that go out from a link and all that is fixed to it, the farthest-reaching first."""
-        rigid = self.below([link], is_rigid=True)
-        moving = [joint for part in rigid for joint in self.carried[part] if joint.moves]
+        moving: list[UrdfJoint] = []
+        rigid = [link]
+        for part in rigid:
+            moving += [joint for joint in self.carried[part] if joint.moves]
+            rigid += [joint.child for joint in self.carried[part] if not joint.moves]
         return sorted(moving, key=lambda joint: -self.reach[joint.child])
 
     def path(self, base: str | None, tip: str) -> list[UrdfJoint]:
