@@ -163,7 +163,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             velocity, moving = _moving(ticks, options)
             movements = _movements(_codes(velocity, moving, ticks, options))
             stretch = Stretch(samples, part, sampled, error, ticks, velocity)
-            pieces = _joined(_pieces(stretch, ticks, movements, moving=moving, options=options))
+            pieces = _pieces(stretch, ticks, movements, moving=moving, options=options)
             yield stretch, pieces, int(ticks.edges[movements[-1].start])
         else:
             label = "gap" if good[part[0]] else "not-a-number"
@@ -231,18 +231,25 @@ def _movements(code: Ints) -> list[_Movement]:
 
 def _pieces(
     stretch: Stretch, ticks: Ticks, movements: list[_Movement], *, moving: Bools, options: SegmentOptions
-) -> Iterator[Piece]:
-    """Runs and left-out pieces of a stretch, in order."""
+) -> list[Piece]:
+    """Runs and left-out pieces of a stretch in order, neighbours that are left out for the same reason as one."""
+    out: list[Piece] = []
     for movement in movements:
         start, stop = ticks.edges[[movement.start, movement.stop]].tolist()
-        if movement.code == REST:
-            yield Piece(start, stop, "rest")
-        elif movement.code == SEVERAL:
-            counts = moving[movement.start : movement.stop].sum(axis=0)
-            order = np.argsort(-counts, kind="stable")
-            yield Piece(start, stop, "several-joints", tuple(int(j) + 1 for j in order if counts[j]))
-        else:
-            yield from _of_movement(stretch, ticks, movement, options)
+        counts = moving[movement.start : movement.stop].sum(axis=0)
+        joints = tuple(int(j) + 1 for j in np.argsort(-counts, kind="stable") if counts[j])
+        pieces = [Piece(start, stop, "rest")]
+        if movement.code == SEVERAL:
+            pieces = [Piece(start, stop, "several-joints", joints)]
+        elif movement.code != REST:
+            pieces = _of_movement(stretch, ticks, movement, options)
+        for piece in pieces:
+            if out and not piece.is_run and out[-1].label == piece.label:
+                joints = tuple(dict.fromkeys((*out[-1].joints, *piece.joints)))
+                out[-1] = replace(out[-1], stop=piece.stop, joints=joints, figure=max(out[-1].figure, piece.figure))
+            else:
+                out.append(piece)
+    return out
 
 
 def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
@@ -299,19 +306,6 @@ def _unless_drifting(ticks: Ticks, piece: Piece, options: SegmentOptions) -> Pie
         return piece
     joints = (piece.joints[0], worst + 1)
     return Piece(piece.start, piece.stop, "drift-of-held-joint", joints, figure=float(drift[worst]))
-
-
-def _joined(pieces: Iterable[Piece]) -> list[Piece]:
-    """The pieces, neighbours that are left out for the same reason as one."""
-    out: list[Piece] = []
-    for piece in pieces:
-        last = out[-1] if out else None
-        if last is not None and not piece.is_run and last.label == piece.label:
-            joints = tuple(dict.fromkeys((*last.joints, *piece.joints)))
-            out[-1] = replace(last, stop=piece.stop, joints=joints, figure=max(last.figure, piece.figure))
-        else:
-            out.append(piece)
-    return out
 
 
 def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:

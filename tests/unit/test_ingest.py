@@ -20,7 +20,7 @@ from pumaid.errors import LogError
 from pumaid.io.paths import expand
 from pumaid.io.write import write_log
 from pumaid.preprocessing import ingest as module
-from pumaid.preprocessing.ingest import dask_workers, in_order, ingest, local_processes
+from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes, read_file
 
 WORLD = World(motions=4, rate=200.0)
 ARM = robot(WORLD)
@@ -80,22 +80,14 @@ def killed(path: Path, *, parent: int, victim: Path, **more: object) -> tuple:
     """Read a file; the worker that gets the victim dies of it."""
     if os.getpid() != parent and path == victim:
         os.kill(os.getpid(), signal.SIGKILL)
-    return module.read_file(path, **more)
+    return read_file(path, **more)
 
 
 def test_a_killed_worker_loses_nothing(paths, expected, monkeypatch) -> None:
     """Its file, and those that nobody can read any more, are read by this process."""
-    original = module.read_file
-    monkeypatch.setattr(module, "in_order", partial(victimised, parent=os.getpid(), victim=paths[3]))
+    monkeypatch.setattr(module, "read_file", partial(killed, parent=os.getpid(), victim=paths[3]))
     with ProcessPoolExecutor(2) as executor:
         assert_equal(ingest(paths, ARM, executor=executor), expected)
-    assert module.read_file is original
-
-
-def victimised(work, tasks, executor, *, parent, victim):
-    """As `in_order`, with workers that die of one file."""
-
-    return in_order(partial(killed, parent=parent, victim=victim, **work.keywords), tasks, executor)
 
 
 def test_recordings_are_counted_through_the_files(paths, expected) -> None:
@@ -146,14 +138,13 @@ def test_a_refused_file_is_refused_by_its_worker_too(paths, tmp_path) -> None:
     assert refused.value.slug == "column-missing" and refused.value.where.file == str(bad)
 
 
-def test_small_logs_are_read_here() -> None:
+@pytest.mark.parametrize(
+    ("sizes", "jobs", "workers"), [([1000] * 20, 4, None), ([1 << 30] * 3, 8, 3), ([1 << 30] * 3, 1, None)]
+)
+def test_small_logs_are_read_here(sizes, jobs, workers) -> None:
     """Processes are started where there is enough for each of them, and never more than there are files."""
-    with local_processes([1000] * 20, 4) as executor:
-        assert executor is None
-    with local_processes([1 << 30] * 3, 8) as executor:
-        assert executor is not None and executor._max_workers == 3
-    with local_processes([1 << 30] * 3, 1) as executor:
-        assert executor is None
+    with local_processes(sizes, jobs) as executor:
+        assert (executor and executor._max_workers) == workers
 
 
 @pytest.mark.slow
