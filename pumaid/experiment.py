@@ -33,36 +33,18 @@ def _silent(*_: object) -> None:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Logs, with the recipe, the plan and the results around them.
+    """Logs, with the recipe, the plan and the results around them."""
 
-    Attributes
-    ----------
-    logs
-        As the user typed them: files, folders, globs, ``-``.
-    recipe, results
-        ``--recipe``, else near the logs; ``--results``, else the folder ``results`` beside the recipe.
-    heldout
-        Files, folders or globs of logs whose runs are kept for judging, or ``posture``: each joint's last one.
-    trust
-        Whether logs are taken that cannot mean what the recipe says; the refusals become notes.
-    jobs, dask
-        Processes at most (0: one a core), or a Dask cluster's scheduler (or ``local``).
-    is_kept
-        Whether the dataset is written for whoever reads these logs next.
-    tell, progress
-        Called with a sentence on what was read or written, and with the number of files done, of how many.
-    """
-
-    logs: tuple[str, ...] = ()
-    recipe: Path | None = None
-    results: Path | None = None
-    heldout: tuple[str, ...] = ()
-    trust: bool = False
-    jobs: int = 0
-    dask: str = ""
-    is_kept: bool = True
-    tell: Callable[[str], None] = _silent
-    progress: Callable[[int, int], None] = _silent
+    logs: tuple[str, ...] = ()  # as the user typed them: files, folders, globs, ``-``
+    recipe: Path | None = None  # else near the logs
+    results: Path | None = None  # else the folder ``results`` beside the recipe
+    heldout: tuple[str, ...] = ()  # logs whose runs are kept for judging, or ``posture``: each joint's last one
+    trust: bool = False  # logs are taken that cannot mean what the recipe says; the refusals become notes
+    jobs: int = 0  # processes at most; 0: one a core
+    dask: str = ""  # a Dask cluster's scheduler, or ``local``
+    is_kept: bool = True  # the dataset is written for whoever reads these logs next
+    tell: Callable[[str], None] = _silent  # called with a sentence on what was read or written
+    progress: Callable[[int, int], None] = _silent  # called with the number of files done, of how many
 
     @cached_property
     def recipe_path(self) -> Path:

@@ -19,33 +19,18 @@ _empty = partial(np.zeros, 0)
 class Loads:
     """What the model fitted so far says at M instants of joint i in motion; all in A of the motor named.
 
-    Attributes
-    ----------
-    moving
-        (M,) gravity's current in joint i.
-    by_joint
-        (M, J) gravity's current in every joint k at this posture, in joint k's own motor; NaN where it is not known.
-    slopes
-        (M, J) A/rad or A/m: derivative of `moving` by each joint's position.
-    tilts
-        (M, 2) A/rad: derivative of `moving` by a turn of the arm's base about the base frame's x and y; of a joint
-        whose ratio to those beyond it is not known, in the gain of the next joint outward whose is.
-    across
-        (M,) size of gravity's moment across joint i's axis, as the current that it would draw if it lay along it, in
-        the same gain as `tilts`; zero for a prismatic joint.
-    drawn
-        (M,) the model's whole prediction in joint i.
-    gains
-        (J,) eta_i / eta_k: what joint k's current must be multiplied by to be in joint i's; NaN where not known.
+    `tilts` are, of a joint whose ratio to those beyond it is not known, in the gain of the next joint outward whose is.
     """
 
-    moving: Floats
-    by_joint: Floats
-    slopes: Floats
-    tilts: Floats
+    moving: Floats  # (M,) gravity's current in joint i
+    by_joint: Floats  # (M, J) gravity's current in every joint k at this posture, in its own motor; NaN where not known
+    slopes: Floats  # (M, J) A/rad or A/m: derivative of `moving` by each joint's position
+    tilts: Floats  # (M, 2) A/rad: derivative of `moving` by a turn of the base about the base frame's x and y
+    # (M,) size of gravity's moment across joint i's axis, as the current that it would draw if it lay along it, in the
+    # gain of `tilts`; zero for a prismatic joint
     across: Floats
-    drawn: Floats
-    gains: Floats
+    drawn: Floats  # (M,) the model's whole prediction in joint i
+    gains: Floats  # (J,) eta_i / eta_k: joint k's current times this is joint i's; NaN where not known
 
 
 @dataclass(frozen=True, eq=False, slots=True)
