@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +31,9 @@ VELOCITIES, OFTEN = 0.5, 0.3
 INTERVALS = 20_000
 #: Fewest samples of a window that can be flat.
 FLAT = 3
+
+#: No values.
+_NONE = np.zeros(0)
 
 #: Attributes of which the least or the largest of two files counts; all other arrays add up.
 EXTREMES = {
@@ -170,7 +176,7 @@ class LogStatistics:
         for j in np.flatnonzero(moving.any(axis=0)).tolist():
             values = current[moving[:, j], j]
             sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
-            self.levels[j] = [_largest(a, _counted(b)) for a, b in zip(self.levels[j], sides, strict=True)]
+            self.levels[j] = [_largest(a, values=b) for a, b in zip(self.levels[j], sides, strict=True)]
 
     def _add_directions(self, speed: Floats, moves: Bools, middle: Floats, mean: Floats) -> None:
         """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
@@ -199,17 +205,13 @@ def _counts(flags: Bools, starts: Ints) -> Ints:
     return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
 
 
-def _counted(values: Floats) -> dict[float, int]:
-    """The two largest of (N,) values, and how often each occurs."""
-    out: dict[float, int] = {}
-    while len(values) and len(out) < 2:
-        largest = float(values.max())
-        out[largest] = int(np.count_nonzero(values == largest))
-        values = values[values < largest]
-    return out
-
-
-def _largest(first: dict[float, int], second: dict[float, int]) -> dict[float, int]:
-    """The two largest levels of two counts together."""
-    largest = sorted({*first, *second}, reverse=True)[:2]
-    return {level: first.get(level, 0) + second.get(level, 0) for level in largest}
+def _largest(*counts: Mapping[float, int], values: Floats = _NONE) -> dict[float, int]:
+    """The two largest levels of several counts and of (N,) values, and how often each occurs."""
+    total = Counter[float]()
+    while len(values) and len(total) < 2:
+        level = float(values.max())
+        total[level] = int(np.count_nonzero(values == level))
+        values = values[values < level]
+    for count in counts:
+        total.update(count)
+    return dict(sorted(total.items())[-2:])
