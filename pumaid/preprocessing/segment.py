@@ -328,7 +328,12 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
     reach = max(1, round_half_up(0.7 * options.min_duration / ticks.interval))
     runs = []
     for start, stop in _steady(speed, reach, share=options.speed_tolerance, error=SPREAD * error):
-        first, last = _settled(acceleration, (start, stop), negligible, longest=round_half_up(END / ticks.interval))
+        inside = np.abs(acceleration[start:stop])
+        quarter, size = len(inside) // 4, min(round_half_up(END / ticks.interval), len(inside) // 3)
+        # Ends that accelerate: surely above 1.48 medians (the spread) of the middle half.
+        far = inside > max(negligible, SURE * 1.48 * float(np.median(inside[quarter : len(inside) - quarter])))
+        front, back = (int(np.flatnonzero(end).max(initial=-1)) + 1 for end in (far[:size], far[::-1][:size]))
+        first, last = start + front, stop - back
         # Where the data begin or end there is no ramp.
         if begin + start > 0:
             first = max(first, start + round_half_up(SETTLING / ticks.interval))
@@ -341,18 +346,6 @@ def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOpti
             low, high = ticks.edges[[begin + first, begin + last]].tolist()
             runs.append(Piece(low, high, CONSTANT, (joint,), figure=level))
     return runs
-
-
-def _settled(acceleration: Floats, core: tuple[int, int], negligible: float, *, longest: int) -> tuple[int, int]:
-    """Ticks [first, last) of a core without ends that accelerate, `longest` of them at most and a third of it.
-
-    Accelerations count that are not `negligible` and surely above 1.48 medians (the spread) of the middle half.
-    """
-    inside = np.abs(acceleration[slice(*core)])
-    quarter, size = len(inside) // 4, min(longest, len(inside) // 3)
-    far = inside > max(negligible, SURE * 1.48 * float(np.median(inside[quarter : len(inside) - quarter])))
-    front, back = (np.flatnonzero(end).max(initial=-1) + 1 for end in (far[:size], far[::-1][:size]))
-    return core[0] + int(front), core[1] - int(back)
 
 
 def _steady(speed: Floats, reach: int, *, share: float, error: float) -> list[tuple[int, int]]:

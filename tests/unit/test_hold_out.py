@@ -165,12 +165,8 @@ def test_a_joint_keeps_runs_to_fit():
     ],
 )
 def test_files_are_named_as_users_do(pattern, expected):
-    """By path, bare name, folder, or a glob of either."""
+    """By path, bare name, folder, or a glob of either; of a name that leads nowhere the nearest one is told."""
     assert meant(pattern, NAMES) == expected
-
-
-def test_a_name_that_leads_nowhere():
-    """The nearest one is told."""
     with pytest.raises(LogError) as refused:
         meant("logs/day1/bb.csv", NAMES)
     assert refused.value.slug == "heldout-nothing" and "b.csv" in refused.value.mend
