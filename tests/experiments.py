@@ -27,8 +27,6 @@ from pumaid.trajectory import Plan
 EXPERIMENTS, COMPARED = 60, 120
 #: Seeds of these experiments start here; development used seeds below 20000.
 SEEDS = 70_000
-#: Experiments on which white-noise intervals are shown to fail; they fail by far.
-WHITE = 20
 
 
 def white_errors(fitted: Fit) -> dict[str, float]:
@@ -45,18 +43,20 @@ def white_errors(fitted: Fit) -> dict[str, float]:
     return dict(zip(fitted.model.names, np.sqrt(np.diag(inverse)), strict=False))
 
 
-def coverage(truth: Truth, bench: Bench, *, white: bool = False) -> tuple[dict[str, float], dict[str, float]]:
-    """Share of 95 % intervals that hold the truth, by parameter: ours, and (where asked) white-noise ones."""
+def coverage(
+    truth: Truth, bench: Bench, *, experiments: int = EXPERIMENTS, white: int = 0
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Share of 95 % intervals that hold the truth, by parameter: ours, and of `white` experiments white-noise ones."""
     known = truth.parameters()
     ours: dict[str, list[bool]] = {}
     theirs: dict[str, list[bool]] = {}
-    for seed in range(EXPERIMENTS):
+    for seed in range(experiments):
         runs = bench.runs(np.random.default_rng(SEEDS + seed))
         estimate = identify(Dataset(runs), truth.robot)
         for value in estimate.values:
             if value.ci95 is not None:
                 ours.setdefault(value.name, []).append(value.ci95[0] <= known[value.name] <= value.ci95[1])
-        if white and seed < WHITE:
+        if seed < white:
             errors = white_errors(
                 fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
             )

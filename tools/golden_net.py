@@ -1,10 +1,9 @@
 """The golden net: what commit db27f0f made of 40 experiments, 80 bad inputs and 1000 intervals, and what differs now.
 
-    python tools/golden_net.py inputs  FOLDER --base CHECKOUT        make the inputs with the checkout's own tools
     python tools/golden_net.py freeze  FOLDER --program PUMAID       write tests/golden/net.json
     python tools/golden_net.py compare FOLDER --program PUMAID [--only WORD ...] [--strict]
 
-The inputs come from the virtual worlds and mutations of a frozen checkout, so that they stay what they were. An
+The inputs were made by `golden_net.py inputs` of commit 3354fcb from virtual worlds and mutations of db27f0f. An
 estimate may differ by half a standard error, an interval's width by a tenth; states, findings and refusals by nothing.
 Without --strict only what no rounding explains counts: a crash, another state, more than a standard error.
 """
@@ -13,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -23,96 +21,7 @@ from typing import Any
 
 HOME = Path(__file__).parents[1]
 RECORD = HOME / "tests" / "golden" / "net.json"
-REAL = Path(os.environ.get("PUMAID_REAL_DATA") or HOME.parent / "shared" / "data")
-#: Effects that are hidden in virtual worlds, a world each, three kinds of arm in turn.
-HIDDEN = (
-    *("stribeck", "viscous_power", "load_friction", "position_friction", "presliding", "warmup", "friction_step"),
-    *("spring", "counterbalance", "ripple", "tilt", "payload", "coupling", "saturation", "zero_offset"),
-    *("flexibility", "torque_constant_drift", "side_load_friction", "torque_droop", "thermal_friction", "stribeck"),
-)
-TABLE1 = 30
 SHARE, WIDTH = 0.5, 0.1
-
-MAKER = """
-import sys, json, zlib, subprocess
-from pathlib import Path
-base, out = Path(sys.argv[1]), Path(sys.argv[2])
-sys.path[:0] = [str(base / "tools"), str(base / "tests")]
-from blind_world.case import Case, drawn
-from blind_world.logs import write_experiment
-from blind_world.hidden import Unfit
-from blind_world.world import sensed
-kinds = ("puma", "ur", "stanford")
-cases = [Case("clean", (), kinds[k % 3], 0.0, k, 7) for k in range(12)]
-cases += [Case("thin", (), kinds[k % 3], 0.0, k, 7) for k in range(3)]
-hidden = json.loads(sys.argv[3])
-cases += [Case("effect", (name,), kinds[k % 3], 3.0, k, 7) for k, name in enumerate(hidden)]
-for case in cases:
-    try:
-        experiment = drawn(case)
-    except Unfit as why:
-        print(case.key, why)
-        continue
-    name = case.key.replace("/", "-")
-    state = sensed(experiment.world, experiment.state, experiment.noise)
-    write_experiment(out / "worlds" / name, experiment.world, state)
-from faulty import make
-from faulty_logs import all_logs
-from faulty_recipes import all_recipes
-faults = all_logs() + all_recipes()
-faults.sort(key=lambda fault: zlib.crc32(f"{fault.kind}{fault.name}".encode()))
-names = {}
-for number, fault in enumerate(faults[:80]):
-    folder = make(out / "bad" / f"{number:02d}")
-    fault.change(folder)
-    names[f"{number:02d}"] = f"{fault.kind}: {fault.name}"
-(out / "bad" / "names.json").write_text(json.dumps(names))
-"""
-
-
-def inputs(options: argparse.Namespace) -> int:
-    """Make every input; what is there already is made anew."""
-    shutil.rmtree(options.folder, ignore_errors=True)
-    options.folder.mkdir(parents=True)
-    python = options.base / ".venv" / "bin" / "python"
-    made = [str(python), "-c", MAKER, str(options.base), str(options.folder), json.dumps(HIDDEN)]
-    subprocess.run(made, check=True, cwd=options.base)
-    program = [str(options.base / ".venv" / "bin" / "pumaid")]
-    for seed in range(TABLE1):
-        folder = options.folder / "table1" / f"{seed:02d}"
-        folder.mkdir(parents=True)
-        for name in ("recipe.yaml", "plan.yaml"):
-            shutil.copy(options.base / "sample_logs" / "puma560" / name, folder)
-        words = ["simulate", "--truth", "table1", "--seed", str(500 + seed), "--rate", "25"]
-        subprocess.run([*program, *words], cwd=folder, check=True, capture_output=True)
-    for name in ("puma560", "pendulum"):
-        shutil.copytree(options.base / "sample_logs" / name, options.folder / "samples" / name)
-    return real_recordings(options)
-
-
-def real_recordings(options: argparse.Namespace) -> int:
-    """Folders of the public recordings, where they are."""
-    script = (
-        "import sys; sys.path[:0] = [sys.argv[1]]; from pathlib import Path; from recordings import write_recipe\n"
-        "write_recipe(sys.argv[2], Path(sys.argv[3]))"
-    )
-    wanted = {
-        "ur3e": ("ur3e", ["ur3e-aurt/wave_currentData_100v_40a.parquet"]),
-        "gen3": ("kinova_gen3", sorted(f"kinova-gen3-jointwise/joint_{k}_trapez.parquet" for k in range(1, 8))),
-        "motor": ("motor", ["laas-odri-cogging/speed_test.parquet"]),
-    }
-    for name, (recipe, files) in wanted.items():
-        if not REAL.is_dir():
-            continue
-        folder = options.folder / "real" / name
-        (folder / "logs").mkdir(parents=True)
-        python = options.base / ".venv" / "bin" / "python"
-        made = [str(python), "-c", script, str(options.base / "tools"), recipe, str(folder)]
-        subprocess.run(made, check=True, cwd=options.base)
-        (folder / f"{recipe}.yaml").rename(folder / "recipe.yaml")
-        for file in files:
-            shutil.copy(REAL / file, folder / "logs")
-    return 0
 
 
 def run(program: str, folder: Path, *words: str) -> tuple[int, dict[str, Any], str]:
@@ -121,56 +30,52 @@ def run(program: str, folder: Path, *words: str) -> tuple[int, dict[str, Any], s
     return done.returncode, json.loads(done.stdout) if done.stdout else {}, done.stderr
 
 
-def fresh(folder: Path) -> None:
-    """Without results of earlier commands."""
+def identified(program: str, folder: Path) -> tuple[int, list[dict[str, Any]], dict[str, Any], str]:
+    """Exit code, parameters and ratios, model and standard error of identify, without results of earlier commands."""
     shutil.rmtree(folder / "results", ignore_errors=True)
+    code, model, errors = run(program, folder, "identify", "logs")
+    values = [] if code else [value for joint in model["joints"] for value in joint["parameters"]] + model["ratios"]
+    return code, values, model, errors
 
 
 def experiment(program: str, folder: Path) -> dict[str, Any]:
     """What identify and diagnose make of an experiment."""
-    fresh(folder)
-    code, model, errors = run(program, folder, "identify", "logs")
+    code, values, model, errors = identified(program, folder)
     record: dict[str, Any] = {"identify": code, "errors": errors[-300:] if code else ""}
     if code:
         return record
-    values = [value for joint in model["joints"] for value in joint["parameters"]] + model["ratios"]
-    record["values"] = {
-        v["name"]: [v["value"], v["std_error"], v["ci95"], v["state"], bool(v["reason"])] for v in values
-    }
-    record["runs"] = {str(joint["joint"]): joint["runs"] for joint in model["joints"]}
-    record["rmse"] = {str(joint["joint"]): joint["rmse"] for joint in model["joints"]}
-    code, told, errors = run(program, folder, "diagnose", "results/model.json", "logs")
+    entries = ("value", "std_error", "ci95", "state")
+    record["values"] = {v["name"]: [*(v[entry] for entry in entries), bool(v["reason"])] for v in values}
+    for entry in ("runs", "rmse"):
+        record[entry] = {str(joint["joint"]): joint[entry] for joint in model["joints"]}
+    code, diagnosis, errors = run(program, folder, "diagnose", "results/model.json", "logs")
     record["diagnose"] = code
     if code == 0:
-        record["findings"] = [[f["effect"], f["joint"], f["verdict"]] for f in told["findings"]]
-        record["verdicts"] = {str(joint["joint"]): joint["verdict"] for joint in told["joints"]}
+        record["findings"] = [[f["effect"], f["joint"], f["verdict"]] for f in diagnosis["findings"]]
+        record["verdicts"] = {str(joint["joint"]): joint["verdict"] for joint in diagnosis["joints"]}
     return record
 
 
 def bad(program: str, folder: Path) -> dict[str, Any]:
     """What becomes of a bad input: refused, by which slug, or numbers with which notes."""
-    fresh(folder)
-    code, model, errors = run(program, folder, "identify", "logs")
+    code, values, _, errors = identified(program, folder)
     slugs = sorted({word.split("]")[0] for line in errors.splitlines() for word in line.split("error[")[1:]})
     notes = sorted({line[5 : line.index("]")] for line in errors.splitlines() if line.startswith("note[")})
     record: dict[str, Any] = {"exit": code, "slugs": slugs, "notes": notes, "crash": "Traceback" in errors}
     if code == 0:
-        values = [value for joint in model["joints"] for value in joint["parameters"]] + model["ratios"]
         record["values"] = {v["name"]: [v["value"], *v["ci95"]] for v in values if v["state"] == "identified"}
     return record
 
 
 def covered(program: str, folder: Path) -> dict[str, Any]:
     """Intervals of a virtual Table I that hold the truth."""
-    fresh(folder)
-    code, model, _ = run(program, folder, "identify", "logs")
+    code, values, _, _ = identified(program, folder)
     if code:
         return {"identify": code}
     truth = json.loads(next(folder.rglob("truth.json")).read_text())
-    known = {**truth["parameters"], **truth.get("ratios", {})} if "parameters" in truth else truth
-    values = [value for joint in model["joints"] for value in joint["parameters"]] + model["ratios"]
-    told = [v for v in values if v["state"] == "identified" and isinstance(known.get(v["name"]), int | float)]
-    held = [v["ci95"][0] <= known[v["name"]] <= v["ci95"][1] for v in told]
+    exact = {**truth["parameters"], **truth.get("ratios", {})} if "parameters" in truth else truth
+    judged = [v for v in values if v["state"] == "identified" and isinstance(exact.get(v["name"]), int | float)]
+    held = [v["ci95"][0] <= exact[v["name"]] <= v["ci95"][1] for v in judged]
     return {"identify": code, "held": sum(held), "told": len(held)}
 
 
@@ -261,21 +166,16 @@ def compare(options: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    """Make inputs, freeze, or compare."""
+    """Freeze, or compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(required=True)
-    for name, work in (("inputs", inputs), ("freeze", freeze), ("compare", compare)):
-        command = commands.add_parser(name)
-        command.add_argument("folder", type=Path)
-        command.add_argument("--base", type=Path, help="checkout of the frozen commit, with .venv")
-        command.add_argument("--program", default=str(HOME / ".venv" / "bin" / "pumaid"))
-        command.add_argument("--only", nargs="*", default=[])
-        command.add_argument("--strict", action="store_true")
-        command.add_argument("--jobs", type=int, default=1)
-        command.set_defaults(work=work)
+    parser.add_argument("work", choices=("freeze", "compare"))
+    parser.add_argument("folder", type=lambda text: Path(text).resolve())
+    parser.add_argument("--program", default=str(HOME / ".venv" / "bin" / "pumaid"))
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--strict", action="store_true")
+    parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
-    options.folder = options.folder.resolve()
-    return int(options.work(options))
+    return freeze(options) if options.work == "freeze" else compare(options)
 
 
 if __name__ == "__main__":

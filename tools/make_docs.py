@@ -87,31 +87,16 @@ def _options(command: click.Command) -> list[str]:
 
 
 def _section(name: str, command: click.Command, shared: Sequence[str]) -> str:
-    context = click.Context(command, info_name=f"pumaid {name}")
-    told, _, example = inspect.cleandoc(command.help or "").partition("\b\n")
-    lines = [line for line in inspect.cleandoc(example).splitlines() if line.strip() and line.strip() != "Example:"]
-    prose = [" ".join(part.split("\n")) for part in told.strip().split("\n\n")]
-    usage = " ".join(command.collect_usage_pieces(context))
+    usage = " ".join(command.collect_usage_pieces(click.Context(command, info_name=f"pumaid {name}")))
+    prose, _, example = inspect.cleandoc(command.help or "").partition("\b\n")
+    lines = [line.strip() for line in example.splitlines() if line.strip() not in ("", "Example:")]
     options = _options(command)
-    names = [re.findall(r"--[\w-]+", line.split("`")[1])[0] for line in options if line in shared]
-    also = [f"Also {', '.join(f'`{word}`' for word in names)}.", ""] if names else []
-    shown = ["```sh", *(line.strip() for line in lines), "```"]
-    rows = [line for line in options if line not in shared]
-    return "\n".join(
-        [
-            f"## {name}",
-            "",
-            f"`pumaid {name} {usage}`",
-            "",
-            "\n\n".join(prose),
-            "",
-            *shown,
-            "",
-            *rows,
-            *[""] * bool(rows),
-            *also,
-        ]
-    )
+    common = [f"`{match[1]}`" for line in options if line in shared and (match := re.match(r".*?(--[\w-]+)", line))]
+    paragraphs = [f"## {name}", f"`pumaid {name} {usage}`"]
+    paragraphs += [" ".join(part.split("\n")) for part in prose.strip().split("\n\n")]
+    paragraphs += ["\n".join(["```sh", *lines, "```"]), "\n".join(line for line in options if line not in shared)]
+    paragraphs += [f"Also {', '.join(common)}."] if common else []
+    return "\n\n".join(filter(None, paragraphs)) + "\n"
 
 
 def effects_page() -> str:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
-import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import pyarrow.parquet as pq
+from click.testing import CliRunner
 from ruamel.yaml import YAML
 
 from pumaid.cli import group
@@ -31,25 +29,16 @@ def index() -> list[dict[str, Any]]:
     return list(found["samples"])
 
 
-@contextlib.contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """The working folder, for as long as the block lasts."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def make(sample: dict[str, Any], root: Path) -> Path:
     """Make one sample below `root`: recipe, plan, logs and truth."""
     folder = root / sample["folder"]
     folder.mkdir(parents=True)
     shutil.copyfile(shipped_recipes()[sample["recipe"]], folder / "recipe.yaml")
-    with inside(folder):
+    with contextlib.chdir(folder):
         for command in sample["commands"]:
-            _run(command)
+            done = CliRunner().invoke(group, shlex.split(command)[1:], prog_name="pumaid")
+            if done.exit_code:
+                raise SystemExit(f"{command!r} left with {done.exit_code}:\n{done.output}")
     robot = read_recipe(folder / "recipe.yaml")
     for name in sample["as_csv"]:
         path = folder / "logs" / f"{name}.parquet"
@@ -59,23 +48,10 @@ def make(sample: dict[str, Any], root: Path) -> Path:
     return folder
 
 
-def _run(command: str) -> None:
-    """A command of the index, in this process; what it says is told only where it fails."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        code = group.main(shlex.split(command)[1:], prog_name="pumaid", standalone_mode=False)
-    if code:
-        raise SystemExit(f"{command!r} left with {code}:\n{said.getvalue()}")
-
-
-def _is_result(path: Path) -> bool:
-    """Whether pumaid made a file of a sample from it, as the README's first command does."""
-    return "results" in path.parts
-
-
 def contents(folder: Path) -> dict[str, object]:
-    """Every file below a folder, by its path: bytes, or the table where the bytes depend on the library's version."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and not _is_result(path.relative_to(folder)))
+    """Every file below a folder but results, by its path: bytes, or the table where a library's version decides."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    files = [path for path in files if "results" not in path.relative_to(folder).parts]
     return {
         str(path.relative_to(folder)): pq.read_table(path) if path.suffix == ".parquet" else path.read_bytes()
         for path in files

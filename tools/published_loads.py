@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+#: A joint and its link: transforms (4, 4) before and after the joint turns about z; kg and m in the frame behind both.
+Link = tuple[Floats, Floats, float, tuple[float, float, float]]
 
 #: m/s2, as in the recipes.
 G = 9.80665
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Link:
-    """One joint and its link: fixed transforms (4, 4) before and after the joint turns about z; mass, centre of mass.
-
-    The mass is in kg, its centre in metres in the frame behind `after`.
-    """
-
-    before: Floats
-    after: Floats
-    mass: float
-    centre: tuple[float, float, float]
 
 
 def _turn(axis: int, angle: float) -> Floats:
@@ -44,12 +32,12 @@ def _shift(x: float, y: float, z: float) -> Floats:
 
 def _standard(a: float, d: float, alpha: float, *, mass: float, centre: tuple[float, float, float]) -> Link:
     """A link in the vendor's standard Denavit-Hartenberg convention; its frame lies at the far end."""
-    return Link(np.eye(4), _shift(a, 0.0, d) @ _turn(0, alpha), mass, centre)
+    return np.eye(4), _shift(a, 0.0, d) @ _turn(0, alpha), mass, centre
 
 
 def _urdf(xyz: tuple[float, float, float], roll: float, *, mass: float, centre: tuple[float, float, float]) -> Link:
     """A link in the URDF's convention; its frame lies at the joint."""
-    return Link(_shift(*xyz) @ _turn(0, roll), np.eye(4), mass, centre)
+    return _shift(*xyz) @ _turn(0, roll), np.eye(4), mass, centre
 
 
 #: Universal Robots, "DH Parameters for calculations of kinematics and dynamics" (support article), UR3e; the same
@@ -64,31 +52,28 @@ UR3E = (
 )
 
 _HALF = math.pi / 2
-_GEN3_ARM = (
+#: Kinova, ros2_kortex, kortex_description/arms/gen3/7dof/urdf/gen3_macro.xacro: the arm with its camera.
+GEN3 = (
     _urdf((0.0, 0.0, 0.15643), math.pi, mass=1.3773, centre=(-2.3e-05, -0.010364, -0.07336)),
     _urdf((0.0, 0.005375, -0.12838), _HALF, mass=1.1636, centre=(-4.4e-05, -0.09958, -0.013278)),
     _urdf((0.0, -0.21038, -0.006375), -_HALF, mass=1.1636, centre=(-4.4e-05, -0.006641, -0.117892)),
     _urdf((0.0, 0.006375, -0.21038), _HALF, mass=0.9302, centre=(-1.8e-05, -0.075478, -0.015006)),
     _urdf((0.0, -0.20843, -0.006375), -_HALF, mass=0.6781, centre=(1e-06, -0.009432, -0.063883)),
     _urdf((0.0, 0.00017505, -0.10593), _HALF, mass=0.6781, centre=(1e-06, -0.045483, -0.00965)),
+    _urdf((0.0, -0.10593, -0.00017505), -_HALF, mass=0.5, centre=(0.000281, 0.011402, -0.029798)),
 )
-_BRACELET = ((0.0, -0.10593, -0.00017505), -_HALF)
-
-#: Kinova, ros2_kortex, kortex_description/arms/gen3/7dof/urdf/gen3_macro.xacro: the arm with its camera, and without.
-GEN3 = (*_GEN3_ARM, _urdf(*_BRACELET, mass=0.5, centre=(0.000281, 0.011402, -0.029798)))
-GEN3_NO_CAMERA = (*_GEN3_ARM, _urdf(*_BRACELET, mass=0.364, centre=(-9.3e-05, 0.000132, -0.022905)))
 
 
 def loads(links: Sequence[Link], position: Sequence[float] | Floats) -> Floats:
     """(J,) N m that every joint must give to hold the arm at `position` (rad), the base upright."""
     frame, axes, origins, centres = np.eye(4), [], [], []
-    for link, angle in zip(links, position, strict=True):
-        frame = frame @ link.before
+    for (before, after, _, centre), angle in zip(links, position, strict=True):
+        frame = frame @ before
         axes.append(frame[:3, 2])
         origins.append(frame[:3, 3])
-        frame = frame @ _turn(2, angle) @ link.after
-        centres.append((frame @ np.append(link.centre, 1.0))[:3])
-    weights = [link.mass * G for link in links]
+        frame = frame @ _turn(2, angle) @ after
+        centres.append((frame @ np.append(centre, 1.0))[:3])
+    weights = [mass * G for _, _, mass, _ in links]
     return np.array(
         [
             sum(weights[j] * np.cross(axes[i], centres[j] - origins[i])[2] for j in range(i, len(links)))

@@ -357,13 +357,22 @@ def _steady(speed: Floats, reach: int, *, share: float, error: float) -> list[tu
         return []
     half = reach // 2
     around = np.lib.stride_tricks.sliding_window_view(np.pad(speed, half, mode="edge"), 2 * half + 1)
-    out: list[tuple[int, int]] = []
-    for a, b in _true_ranges(np.ptp(around, axis=1) <= 2.0 * (share * speed + error)):
-        a, b = max(0, a - half), min(len(speed), b + half)
+    waiting = [
+        (max(0, a - half), min(len(speed), b + half))
+        for a, b in _true_ranges(np.ptp(around, axis=1) <= 2.0 * (share * speed + error))
+    ]
+    cores = []
+    while waiting:
+        a, b = waiting.pop()
         level = float(np.median(speed[a:b]))
         inside = _true_ranges(np.abs(speed[a:b] - level) <= share * level + error)
-        first, last = max(inside, key=lambda part: part[1] - part[0], default=(0, 0))
-        start, stop = a + first, a + last
+        if not inside:
+            continue
+        first, last = max(inside, key=lambda part: part[1] - part[0])
+        waiting += [part for part in ((a + last, b), (a, a + first)) if part[1] - part[0] > reach]
+        cores.append((a + first, a + last))
+    out: list[tuple[int, int]] = []
+    for start, stop in sorted(cores):
         if out:
             begin, end = out[-1]
             before = float(np.median(speed[begin:end]))

@@ -13,13 +13,12 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
 pytest.importorskip("mujoco", reason="the arms are MuJoCo's (pip install pumaid[test])")
 
-from blind_world import program
 from blind_world.case import CATALOGUE, Case, drawn
 from blind_world.gravity import holding
 from blind_world.hidden import Unfit, signature, sized
 from blind_world.logs import write_experiment
 from blind_world.oracle import TESTS, threshold
-from blind_world.score import judged
+from blind_world.score import Session, judged
 from blind_world.world import noises, sensed
 
 pytestmark = pytest.mark.slow
@@ -101,11 +100,11 @@ def test_a_clean_arm_is_fitted_to_the_noise_and_left_alone(tmp_path):
     experiment = drawn(Case("clean", (), "ur", 0.0, 0, 7))
     log = sensed(experiment.world, experiment.state, experiment.noise)
     write_experiment(tmp_path, experiment.world, log)
-    session = program.opened(tmp_path)
+    session = Session.of_folder(tmp_path)
     left = log.current - experiment.state.current
     true = [np.sqrt(np.mean(np.square(left[rows, j]))) for j, rows in enumerate(experiment.oracle.joints)]
-    assert program.fitted_rmse(session.estimate) == pytest.approx(true, rel=0.05)
-    diagnosis = program.diagnosed(session)
+    assert [joint.rmse for joint in session.estimate.joints] == pytest.approx(true, rel=0.05)
+    diagnosis = session.diagnosis
     assert diagnosis.findings == () and "unexplained" not in [joint.verdict for joint in diagnosis.joints]
 
 

@@ -29,7 +29,7 @@ def test_puma_intervals_hold_where_white_noise_ones_fail():
     forty. Link 5's own x covers always: its interval carries the ignorance of eta_5/eta_6, which is zero in the table.
     """
     truth = table1.puma560()
-    ours, theirs = coverage(truth, Bench(truth, table1.experiment(2), rate=50.0), white=True)
+    ours, theirs = coverage(truth, Bench(truth, table1.experiment(2), rate=50.0), white=20)
     assert 0.93 <= np.mean(list(ours.values())) <= 0.97
     assert min(ours.values()) > LEAST
     assert np.mean(list(theirs.values())) < 0.75

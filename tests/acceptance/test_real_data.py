@@ -16,20 +16,23 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
+import real_data
 from published_loads import GEN3, UR3E, first_harmonic, loads
-from real_data import ROLLING, SPEED, outside
-from recordings import (
+from real_data import (
+    PENDULUM,
+    ROLLING,
+    SPEED,
+    TOGETHER,
     combination,
     experiment,
+    files,
     folder,
-    gen3_single,
-    gen3_together,
     ladder,
     motor,
+    outside,
     parameters,
     run,
     tx40,
-    ur3e,
     ur3e_halves,
 )
 
@@ -55,14 +58,14 @@ def scratch():
 @pytest.fixture(scope="module")
 def shoulder(scratch):
     """The UR3e's experiment folder and model."""
-    place = experiment(scratch / "ur3e", "ur3e", ur3e())
+    place = experiment(scratch / "ur3e", "ur3e", files(real_data.UR3E))
     return place, run(place, "identify")[1]
 
 
 @pytest.fixture(scope="module")
 def gen3(scratch):
     """The Gen3's experiment folder and model, from one file a joint."""
-    place = experiment(scratch / "gen3", "kinova_gen3", gen3_single())
+    place = experiment(scratch / "gen3", "kinova_gen3", files(real_data.GEN3))
     return place, run(place, "identify")[1]
 
 
@@ -90,7 +93,7 @@ def half_sums():
 
     Friction that is alike both ways drops out; the acceleration's share, which is alike both ways, is fitted beside.
     """
-    table = pd.read_parquet(ur3e()[0])
+    table = pd.read_parquet(files(real_data.UR3E)[0])
     q, qdd, i = (table[name].to_numpy() for name in ("actual_q_1", "target_qdd_1", "actual_current_1"))
     moving = np.sign(table["target_qd_1"].to_numpy())
     edges = np.flatnonzero(np.diff(moving)) + 1
@@ -192,10 +195,10 @@ def test_gen3_shares_are_only_what_the_logs_tell_apart(gen3):
 
 def test_gen3_joints_moving_together_are_predicted(gen3, scratch):
     """Five recordings that the fit never saw hold no run; the model leaves less than 70 % of each joint's current."""
-    together = experiment(scratch / "together", "kinova_gen3", gen3_together())
+    together = experiment(scratch / "together", "kinova_gen3", files(TOGETHER))
     shutil.copytree(gen3[0] / "results", together / "results")
     for joint, rms in outside(run(together, "compare")[1]).items():
-        currents = [pd.read_parquet(path, columns=[f"Cur{joint}"]).to_numpy().ravel() for path in gen3_together()]
+        currents = [pd.read_parquet(path, columns=[f"Cur{joint}"]).to_numpy().ravel() for path in files(TOGETHER)]
         assert rms < 0.7 * float(np.sqrt(np.mean(np.concatenate(currents) ** 2)))
 
 
@@ -210,8 +213,7 @@ def test_gen3_shows_no_law_of_friction(gen3):
 @pytest.mark.parametrize("arm", ["double pendulum", "TX40"])
 def test_motions_of_all_joints_yield_no_false_value(arm, scratch):
     """All joints swing at once or with a motor off: there is no run, and identify ends with exit code 3."""
-    pendulum = sorted((folder() / "dfki-double-pendulum-a0").glob("*.parquet"))
-    place = tx40(scratch / "tx40") if arm == "TX40" else experiment(scratch / "dfki", "pendulum2", pendulum)
+    place = tx40(scratch / "tx40") if arm == "TX40" else experiment(scratch / "dfki", "pendulum2", files(PENDULUM))
     code, document, errors = run(place, "identify")
     assert (code, document) == (3, None)
     assert "no-runs" in errors

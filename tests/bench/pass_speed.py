@@ -9,7 +9,6 @@ machine does only adds. Longer logs are the same files again under other names (
 from __future__ import annotations
 
 import argparse
-import csv
 import datetime
 import os
 import platform
@@ -22,6 +21,8 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
+import pandas as pd
+
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
 from pumaid.simulation import table1
@@ -29,122 +30,100 @@ from pumaid.simulation.session import simulate
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "bench" / "log.csv"
-RECIPE = shipped_recipes()["puma560"]
-#: Thrice the paper's experiment takes some 2000 s of robot time; at this rate that is two million rows of 19 columns.
-RATE = 1000.0
 #: Reads all files of a folder into tables.
-FLOOR = {
-    "parquet": "import pathlib, sys\nimport pyarrow.parquet as pq\nread = pq.read_table\n",
-    "csv": "import pathlib, sys\nimport pyarrow.csv as pc\nread = pc.read_csv\n",
+FLOOR = """
+import pathlib, sys
+import {module} as module
+for path in sorted(pathlib.Path(sys.argv[1]).iterdir()): module.{read}(path)
+"""
+FLOORS = {
+    "parquet": FLOOR.format(module="pyarrow.parquet", read="read_table"),
+    "csv": FLOOR.format(module="pyarrow.csv", read="read_csv"),
 }
-READ = "for path in sorted(pathlib.Path(sys.argv[1]).iterdir()): read(path)\n"
-#: A command that tells its own peak memory, MiB.
+#: A command that writes its own peak memory, MiB.
 COMMAND = """
 import pathlib, sys
 from pumaid.__main__ import run
-told = sys.argv.pop(1)
+place = sys.argv.pop(1)
 try:
     run()
 finally:
     peak = pathlib.Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]
-    pathlib.Path(told).write_text(str(int(peak) // 1024))
+    pathlib.Path(place).write_text(str(int(peak) // 1024))
 """
 
 
-def run(program: str, *words: object) -> tuple[float, float]:
-    """Wall and processor seconds of a Python process."""
-    begun, before = time.perf_counter(), os.times()
+def seconds(program: str, *words: object) -> float:
+    """Wall seconds of a Python process."""
+    begun = time.perf_counter()
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
     line = [sys.executable, "-c", program, *map(str, words)]
     subprocess.run(line, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
-    after = os.times()
-    processor = after.children_user + after.children_system - before.children_user - before.children_system
-    return time.perf_counter() - begun, processor
+    return time.perf_counter() - begun
 
 
 def make_logs(folder: Path) -> int:
-    """Two million rows as Parquet and as CSV in two folders; returns the rows."""
+    """Two million rows of 19 columns as Parquet and as CSV in two folders; returns the rows."""
     truth, rows = table1.puma560(), 0
-    logs = simulate(truth.robot, table1.experiment(3), seed=1, truth=truth, rate=RATE)
+    logs = simulate(truth.robot, table1.experiment(3), seed=1, truth=truth, rate=1000.0)
     for origin, batches in groupby(logs, key=lambda log: log.origin):
-        kept = list(batches)
-        rows += sum(map(len, kept))
+        of_file = list(batches)
+        rows += sum(map(len, of_file))
         for ending in ("parquet", "csv"):
-            write_log(folder / ending / f"{origin}.{ending}", kept, truth.robot)
+            write_log(folder / ending / f"{origin}.{ending}", of_file, truth.robot)
     return rows
 
 
-def repeated(folder: Path, times: int) -> Path:
-    """A folder that holds the Parquet files of another so many times."""
-    out = folder / f"parquet{times}"
-    out.mkdir()
-    for number in range(times):
-        for path in sorted((folder / "parquet").iterdir()):
-            (out / f"{number:03}_{path.name}").hardlink_to(path)
-    return out
-
-
-def measured(case: str, logs: Path, rows: int, *, times: int, words: list[object], is_fresh: bool = True) -> dict:
+def measured(case: str, words: list[object], rows: int, *, times: int, is_fresh: bool = True) -> dict[str, object]:
     """One line of the log: a command against reading the same files with pyarrow; `is_fresh` without a dataset."""
-    told, results = logs.parent / "told.txt", logs.parent / "results"
-    floor = FLOOR["csv" if logs.name == "csv" else "parquet"] + READ
-    command, reading = [], []
+    logs = next(word for word in words if isinstance(word, Path) and word.is_dir())
+    peak, commands, readings = logs.parent / "peak.txt", [], []
     for _ in range(times):
         if is_fresh:
-            shutil.rmtree(results, ignore_errors=True)
-        command.append(run(COMMAND, told, *words, "--recipe", logs.parent / "recipe.yaml"))
-        reading.append(run(floor, logs))
-    wall, processor = (min(one) for one in zip(*command, strict=True))
-    floor_wall, floor_processor = (min(one) for one in zip(*reading, strict=True))
-    return {
-        "case": case,
-        "rows": rows,
-        "seconds": f"{wall:.2f}",
-        "pyarrow": f"{floor_wall:.2f}",
-        "ratio": f"{wall / floor_wall:.2f}",
-        "processor": f"{processor:.2f}",
-        "pyarrow's": f"{floor_processor:.2f}",
-        "peak MiB": told.read_text(),
-        "load": f"{os.getloadavg()[0]:.1f}",
-    }
+            shutil.rmtree(logs.parent / "results", ignore_errors=True)
+        commands.append(seconds(COMMAND, peak, *words, "--trust", "--recipe", logs.parent / "recipe.yaml"))
+        readings.append(seconds(FLOORS["csv" if logs.name == "csv" else "parquet"], logs))
+    command, reading = min(commands), min(readings)
+    record = {"case": case, "rows": rows, "seconds": f"{command:.2f}", "pyarrow": f"{reading:.2f}"}
+    record |= {"ratio": f"{command / reading:.2f}", "peak MiB": peak.read_text()}
+    return record | {"load": f"{os.getloadavg()[0]:.1f}"}
 
 
-def lines(folder: Path, millions: list[int], times: int) -> Iterator[dict]:
+def cases(folder: Path, millions: list[int], times: int) -> Iterator[dict[str, object]]:
     """Every case in turn."""
-    shutil.copy(RECIPE, folder / "recipe.yaml")
-    rows, parquet, text = make_logs(folder), folder / "parquet", folder / "csv"
-    identify = ["identify", parquet, "--trust"]
-    yield measured("identify, CSV", text, rows, times=times, words=["identify", text, "--trust"])
-    yield measured("identify, one process", parquet, rows, times=times, words=[*identify, "--jobs", 1])
-    yield measured("identify", parquet, rows, times=times, words=identify)
-    yield measured("identify again", parquet, rows, times=times, words=identify, is_fresh=False)
-    diagnose = ["diagnose", folder / "results" / "model.json", parquet, "--trust"]
-    yield measured("diagnose, with the dataset", parquet, rows, times=times, words=diagnose, is_fresh=False)
+    shutil.copy(shipped_recipes()["puma560"], folder / "recipe.yaml")
+    rows, parquet, model = make_logs(folder), folder / "parquet", folder / "results" / "model.json"
+    yield measured("identify, CSV", ["identify", folder / "csv"], rows, times=times)
+    yield measured("identify, one process", ["identify", parquet, "--jobs", 1], rows, times=times)
+    yield measured("identify", ["identify", parquet], rows, times=times)
+    yield measured("identify again", ["identify", parquet], rows, times=times, is_fresh=False)
+    yield measured("diagnose, with the dataset", ["diagnose", model, parquet], rows, times=times, is_fresh=False)
     for many in millions:
         again = round(many * 1e6 / rows)
-        logs = repeated(folder, again)
-        yield measured("identify", logs, again * rows, times=1, words=["identify", logs, "--trust"])
+        logs = folder / f"parquet{again}"
+        logs.mkdir()
+        for number in range(again):
+            for path in sorted(parquet.iterdir()):
+                (logs / f"{number:03}_{path.name}").hardlink_to(path)
+        yield measured("identify", ["identify", logs], again * rows, times=1)
 
 
 def main() -> None:
     """Measure, print and append."""
-    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    asked.add_argument("--rows", type=int, nargs="*", default=[10, 50], help="millions, beside two")
-    asked.add_argument("--times", type=int, default=5)
-    words = asked.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", type=int, nargs="*", default=[10, 50], help="millions, beside two")
+    parser.add_argument("--times", type=int, default=5)
+    options = parser.parse_args()
     line = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
     day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     machine = {"day": day, "commit": commit, "cores": os.cpu_count(), "machine": platform.machine()}
+    table = pd.read_csv(LOG, dtype=str) if LOG.exists() else pd.DataFrame()
     with tempfile.TemporaryDirectory(prefix="pumaid-bench-") as folder:
-        for found in lines(Path(folder), words.rows, words.times):
-            whole, is_new = machine | found, not LOG.exists()
-            with LOG.open("a", newline="", encoding="utf-8") as stream:
-                writer = csv.DictWriter(stream, list(whole))
-                if is_new:
-                    writer.writeheader()
-                writer.writerow(whole)
-            sys.stdout.write(", ".join(f"{name} {value}" for name, value in found.items()) + "\n")
+        for record in cases(Path(folder), options.rows, options.times):
+            table = pd.concat([table, pd.DataFrame([machine | record])])
+            table.to_csv(LOG, index=False)
+            print(", ".join(f"{name} {value}" for name, value in record.items()), flush=True)
 
 
 if __name__ == "__main__":

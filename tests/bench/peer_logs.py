@@ -8,7 +8,6 @@ the motors' gains.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid import export, read_model
-from pumaid.dataset import Log
 from pumaid.exports.robot_xml import xml_name
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.io.write import write_log
 from pumaid.robot import Robot
 from pumaid.simulation.mujoco_engine import mjcf
 from pumaid.simulation.random_robot import draw
@@ -107,33 +104,13 @@ def experiment(robot: Robot, laps: int) -> Plan:
     return Plan(robot=robot.name, motions=tuple(motions))
 
 
-def session(truth: Truth, rows: int) -> list[Log]:
-    """At least so many rows of the experiment, in rigid-body physics."""
+def session(truth: Truth, rows: int) -> Rows:
+    """At least so many rows of the experiment, in rigid-body physics, currents turned into N m."""
     plan = experiment(truth.robot, math.ceil(rows / (RATE * LAP)))
-    return list(simulate(truth.robot, plan, seed=SEED, truth=truth, rate=RATE, runs_per_file=10**9))
-
-
-def in_torque(truth: Truth, logs: list[Log]) -> Rows:
-    """The whole log, currents turned into N m."""
-    assert truth.gain is not None
-    velocities = [log.velocity for log in logs if log.velocity is not None]
-    return Rows(
-        np.concatenate([log.time for log in logs]),
-        np.concatenate([log.position for log in logs]),
-        np.concatenate(velocities),
-        np.concatenate([log.current for log in logs]) / truth.gain,
-    )
-
-
-def first_logs(logs: list[Log], count: int) -> Iterator[Log]:
-    """The first `count` rows, in their batches."""
-    for log in logs:
-        few = slice(max(min(count, len(log)), 0))
-        count -= len(log)
-        if few.stop:
-            velocity = None if log.velocity is None else log.velocity[few]
-            cut = {"rows": log.rows[few], "time": log.time[few], "position": log.position[few]}
-            yield replace(log, **cut, velocity=velocity, current=log.current[few])
+    logs = list(simulate(truth.robot, plan, seed=SEED, truth=truth, rate=RATE, runs_per_file=10**9))
+    columns = ("time", "position", "velocity", "current")
+    time, position, velocity, current = (np.concatenate([getattr(log, name) for log in logs]) for name in columns)
+    return Rows(time, position, velocity, current / truth.gain)
 
 
 def moving_all(truth: Truth, count: int) -> Rows:
@@ -143,7 +120,6 @@ def moving_all(truth: Truth, count: int) -> Rows:
     """
     import mujoco
 
-    assert truth.gain is not None
     free = replace(truth, friction=Friction(*np.zeros((4, truth.robot.n_joints))))
     model = mujoco.MjModel.from_xml_string(mjcf(free))
     data = mujoco.MjData(model)
@@ -181,31 +157,26 @@ def questions(truth: Truth) -> dict[str, Floats]:
     return {"position": position, "velocity": velocity, "moving": moving, "gravity": gravity, "whole": whole}
 
 
-def write_pumaid(folder: Path, logs: Iterator[Log], robot: Robot) -> None:
-    """A CSV log as the recipe names its columns."""
-    write_log(folder / "pumaid" / "log.csv", logs, robot)
+def write(folder: Path, rows: Rows, truth: Truth) -> None:
+    """The log as each tool reads it.
 
-
-def write_figaroh(folder: Path, rows: Rows) -> None:
-    """CSV with the columns of figaroh's UR10 example: t, q0.., tau1.. ."""
-    n = rows.position.shape[1]
-    names = ["t", *(f"q{j}" for j in range(n)), *(f"tau{j + 1}" for j in range(n))]
-    table = np.column_stack([rows.time, rows.position, rows.torque])
-    np.savetxt(folder / "figaroh.csv", table, fmt="%.9g", delimiter=",", header=",".join(names), comments="")
-
-
-def write_aurt(folder: Path, rows: Rows) -> None:
-    """CSV separated by blanks, with every column that aurt's reader asks for; what it does not use is zero."""
-    n = rows.position.shape[1]
-    used = {"actual_q": rows.position, "actual_qd": rows.velocity, "actual_current": rows.torque}
+    pumaid: its own names. figaroh: those of its UR10 example. aurt: separated by blanks, with every column that its
+    reader asks for; what it does not use is zero. mujoco.sysid: times, the motors' torques, positions and velocities.
+    """
+    n, nothing = rows.position.shape[1], np.zeros_like(rows.position)
     idle = ("target_q", "target_qd", "target_qdd", "target_current", "target_moment")
-    names = ["timestamp", *(f"{kind}_{j}" for kind in (*used, *idle) for j in range(n))]
-    table = np.column_stack([rows.time, *used.values(), np.zeros((len(rows.time), n * len(idle)))])
-    np.savetxt(folder / "aurt.csv", table, fmt="%.9g", delimiter=" ", header=" ".join(names), comments="")
-
-
-def write_mujoco(folder: Path, rows: Rows) -> None:
-    """Arrays: times, the motors' torques, positions and velocities."""
+    pumaid = {"q{1}": rows.position, "qd{1}": rows.velocity, "i{1}": rows.torque * truth.gain}
+    aurt = {"actual_q_{0}": rows.position, "actual_qd_{0}": rows.velocity, "actual_current_{0}": rows.torque}
+    texts = (
+        ("pumaid/log.csv", ",", "t", pumaid),
+        ("figaroh.csv", ",", "t", {"q{0}": rows.position, "tau{1}": rows.torque}),
+        ("aurt.csv", " ", "timestamp", aurt | {f"{name}_{{0}}": nothing for name in idle}),
+    )
+    (folder / "pumaid").mkdir(exist_ok=True)
+    for name, delimiter, time, columns in texts:
+        names = [time, *(kind.format(j, j + 1) for kind in columns for j in range(n))]
+        table, header = np.column_stack([rows.time, *columns.values()]), delimiter.join(names)
+        np.savetxt(folder / name, table, fmt="%.9g", delimiter=delimiter, header=header, comments="")
     sensors = np.concatenate([rows.position, rows.velocity], axis=1)
     np.savez(folder / "mujoco.npz", times=rows.time, control=rows.torque, sensors=sensors)
 

@@ -1,11 +1,10 @@
 """pumaid beside figaroh, aurt and mujoco.sysid on the same logs, in one run; appended to bench/peers.csv.
 
-python tests/bench/peers.py [--rows 20000 100000 500000] [--limit 1200] [--once-limit 3600] [--folder FOLDER]
+python tests/bench/peers.py [--rows 20000 100000 500000] [--limit 1200]
 
-Each peer is installed from its package into an environment of its own (with --folder these are kept, with the logs and
-aurt's compiled model). Processes run one after another. `seconds` leaves out the start of Python and the loading of
-modules, which `start-up` has; `processor` counts all threads and processes. A tool that does not finish a log in time
-is not given the longer ones.
+Each peer is installed from its package into an environment of its own. Processes run one after another. `seconds`
+leaves out the start of Python and the loading of modules, which `start-up` has; `processor` counts all threads and
+processes. A tool that does not finish a log in time is not given the longer ones.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,28 +37,14 @@ REPEATS = 5
 #: GiB of address space of a process; last letters of a failed tool's output that are kept.
 MEMORY, TAIL = 16, 200
 ALONE, TOGETHER = "one joint at a time", "all joints at once"
-
-
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """A tool: what pip installs, the script that runs it, and the script that it needs once for an arm."""
-
-    name: str
-    package: str
-    driver: str
-    kinds: tuple[str, ...] = (ALONE, TOGETHER)
-    once: str = ""
-    joints: tuple[int, ...] = (6,)
-
-
-#: figaroh and aurt take the friction of a joint from the sign of its velocity, which says nothing where it rests: a log
-#: in which all joints move shows that they are used as they are meant to be. aurt's symbolic model of six joints takes
-#: long: where it is not done in time, three joints must do.
-PEERS = (
-    Peer("figaroh", "figaroh", "run_figaroh.py"),
-    Peer("mujoco.sysid", "mujoco[sysid]", "run_mujoco.py", (ALONE,)),
-    Peer("aurt", "aurt", "run_aurt.py", once="compile_aurt.py", joints=(6, 3)),
-)
+#: Tool -> what pip installs, the script that runs it, its logs, and the joints of its arm. figaroh and aurt take the
+#: friction of a joint from the sign of its velocity, which says nothing where it rests: a log in which all joints move
+#: shows that they are used as they are meant to be. aurt's symbolic model of six joints is not done in half an hour.
+PEERS: dict[str, tuple[str, str, tuple[str, ...], int]] = {
+    "figaroh": ("figaroh", "run_figaroh.py", (ALONE, TOGETHER), 6),
+    "mujoco.sysid": ("mujoco[sysid]", "run_mujoco.py", (ALONE,), 6),
+    "aurt": ("aurt", "run_aurt.py", (ALONE, TOGETHER), 3),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,18 +58,10 @@ class Case:
 
 
 def environment(folder: Path, package: str) -> Path:
-    """Python of a virtual environment that has a package, made where it is not there.
-
-    Raises
-    ------
-    subprocess.CalledProcessError
-        pip cannot install it; its standard error says why.
-    """
+    """Python of a new virtual environment that has a package; pip's error says why there is none."""
     python = folder / "bin" / "python"
-    if not (folder / "ready").exists():
-        subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
-        subprocess.run([python, "-m", "pip", "install", "-q", package], check=True, capture_output=True, text=True)
-        (folder / "ready").touch()
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+    subprocess.run([python, "-m", "pip", "install", "-q", package], check=True, capture_output=True, text=True)
     return python
 
 
@@ -95,7 +71,6 @@ def run(python: Path, driver: str, folder: Path, seconds: float) -> dict[str, An
     record.unlink(missing_ok=True)
     variables = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     with (folder / "output.txt").open("w", encoding="utf-8") as output:
-        start = time.perf_counter()
         process = subprocess.Popen(
             [python, DRIVERS / driver, folder],
             stdout=output,
@@ -113,8 +88,7 @@ def run(python: Path, driver: str, folder: Path, seconds: float) -> dict[str, An
     if code or not record.exists():
         text = (folder / "output.txt").read_text(encoding="utf-8", errors="replace")
         return {"outcome": "failed: " + " ".join(text.strip()[-TAIL:].split())}
-    whole = time.perf_counter() - start
-    return {"outcome": "done", **json.loads(record.read_text(encoding="utf-8")), "whole process": whole}
+    return {"outcome": "done", **json.loads(record.read_text(encoding="utf-8"))}
 
 
 def errors(folder: Path) -> dict[str, float]:
@@ -130,32 +104,24 @@ def errors(folder: Path) -> dict[str, float]:
 
 
 def prepare(work: Path, joints: int, sizes: list[int]) -> list[Case]:
-    """The logs of one arm in all formats, made where they are not there already."""
+    """The logs of one arm in all formats, and what each tool must be told of the arm."""
     cases = [Case(joints, TOGETHER, sizes[0], work / f"together{joints}_{sizes[0]}")]
     cases += [Case(joints, ALONE, rows, work / f"alone{joints}_{rows}") for rows in sizes]
-    if all((case.folder / "ready").exists() for case in cases):
-        return cases
     recipe, compiled = work / f"arm{joints}.yaml", work / f"aurt_model{joints}"
     recipe.write_text(peer_logs.recipe(joints), encoding="utf-8")
     truth = peer_logs.arm(recipe)
-    logs = peer_logs.session(truth, max(sizes))
-    everything, questions = peer_logs.in_torque(truth, logs), peer_logs.questions(truth)
-    compiled.mkdir(exist_ok=True)
+    everything, questions = peer_logs.session(truth, max(sizes)), peer_logs.questions(truth)
+    compiled.mkdir()
     (compiled / "arm.csv").write_text(peer_logs.mdh_table(truth.robot), encoding="utf-8")
     for case in cases:
-        shutil.rmtree(case.folder, ignore_errors=True)
         case.folder.mkdir()
         rows = everything.first(case.rows) if case.kind == ALONE else peer_logs.moving_all(truth, case.rows)
-        peer_logs.write_pumaid(case.folder, peer_logs.first_logs(logs, case.rows), truth.robot)
-        peer_logs.write_figaroh(case.folder, rows)
-        peer_logs.write_aurt(case.folder, rows)
-        peer_logs.write_mujoco(case.folder, rows)
+        peer_logs.write(case.folder, rows, truth)
         np.savez(case.folder / "questions.npz", gain=np.asarray(truth.gain), **questions)
         shutil.copy(recipe, case.folder / "recipe.yaml")
         (case.folder / "arm.xml").write_text(peer_logs.mujoco_model(truth), encoding="utf-8")
         (case.folder / "figaroh.yaml").write_text(peer_logs.figaroh_configuration(truth.robot), encoding="utf-8")
         (case.folder / "aurt").symlink_to(compiled)
-        (case.folder / "ready").touch()
     return cases
 
 
@@ -173,52 +139,37 @@ def measure_pumaid(cases: list[Case], limit: float) -> dict[Case, dict[str, Any]
     return records
 
 
-def measure_peer(peer: Peer, python: Path, cases: list[Case], limit: float) -> Iterator[tuple[Case, dict[str, Any]]]:
-    """A peer on all logs of an arm; where it does not finish a log it is given no longer ones."""
-    longest = max(case.rows for case in cases)
-    for case in cases:
-        if case.kind not in peer.kinds:
-            continue
-        if case.rows > longest:
-            yield case, {"outcome": "not tried: a shorter log took too long"}
-            continue
-        record = run(python, peer.driver, case.folder, limit)
-        if record["outcome"] != "done":
-            longest = case.rows
-        yield case, record
-
-
-def rows(work: Path, sizes: list[int], limits: tuple[float, float]) -> Iterator[dict[str, Any]]:
-    """Every tool on every log, one after another; `limits` (s) are those of a log and of what is done once."""
+def measurements(work: Path, sizes: list[int], limit: float) -> Iterator[dict[str, Any]]:
+    """Every tool on every log, one after another."""
     cases = {joints: prepare(work, joints, sizes) for joints in (6, 3)}
-    ours = {joints: measure_pumaid(cases[joints], limits[0]) for joints in cases}
-    for records in ours.values():
+    references = {joints: measure_pumaid(cases[joints], limit) for joints in cases}
+    for records in references.values():
         yield from (row("pumaid", case, record, record) for case, record in records.items())
-    for peer in PEERS:
+    for tool, (package, driver, kinds, joints) in PEERS.items():
         try:
-            python = environment(work / peer.name, peer.package)
+            python = environment(work / tool, package)
         except subprocess.CalledProcessError as error:
-            yield {"tool": peer.name, "outcome": f"not installed: {error.stderr.strip()[-TAIL:]}"}
+            yield {"tool": tool, "outcome": f"not installed: {(error.stderr or '').strip()[-TAIL:]}"}
             continue
-        for joints in peer.joints:
-            if peer.once:
-                record = run(python, peer.once, work / f"{peer.name}_model{joints}", limits[1])
-                yield {"tool": f"{peer.name}, once for an arm", "joints": joints, **record}
-                if record["outcome"] != "done":
-                    continue
-            for case, record in measure_peer(peer, python, cases[joints], limits[0]):
-                yield row(peer.name, case, record, ours[joints].get(case))
-            break
+        if tool == "aurt":
+            record = run(python, "compile_aurt.py", work / f"aurt_model{joints}", 3 * limit)
+            yield {"tool": "aurt, once for an arm", "joints": joints, **record}
+        longest = max(sizes)
+        for case in (case for case in cases[joints] if case.kind in kinds and case.rows <= longest):
+            record = run(python, driver, case.folder, limit)
+            if record["outcome"] != "done":
+                longest = case.rows
+            yield row(tool, case, record, references[joints].get(case))
 
 
-def row(tool: str, case: Case, record: dict[str, Any], ours: dict[str, Any] | None) -> dict[str, Any]:
-    """A row of the table; `ours` is pumaid's record of the same log."""
+def row(tool: str, case: Case, record: dict[str, Any], reference: dict[str, Any] | None) -> dict[str, Any]:
+    """A row of the table; `reference` is pumaid's record of the same log."""
     out = {"tool": tool, "joints": case.joints, "log": case.kind, "rows": case.rows, **record}
     if record["outcome"] == "done":
         out |= errors(case.folder)
-        if ours is not None:
-            out["times pumaid"] = record["seconds"] / ours["seconds"]
-            out["its processor"] = record["processor"] / ours["processor"]
+        if reference is not None:
+            out["times pumaid"] = record["seconds"] / reference["seconds"]
+            out["its processor"] = record["processor"] / reference["processor"]
     return out
 
 
@@ -227,21 +178,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[20_000, 100_000, 500_000])
     parser.add_argument("--limit", type=float, default=1200.0, help="s for each run of a peer")
-    parser.add_argument("--once-limit", type=float, default=3600.0, help="s for what a peer does once for an arm")
-    parser.add_argument("--folder", type=Path, help="folder for environments, logs and models, kept")
     options = parser.parse_args()
-    work = (options.folder or Path(tempfile.mkdtemp(prefix="pumaid-peers-"))).resolve()
-    work.mkdir(parents=True, exist_ok=True)
     day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     about = {"day": day, "cores": os.cpu_count(), "machine": platform.machine()}
     table = pd.read_csv(TABLE, dtype=str) if TABLE.exists() else pd.DataFrame()
-    for record in rows(work, sorted(options.rows), (options.limit, options.once_limit)):
-        rounded = {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in record.items()}
-        table = pd.concat([table, pd.DataFrame([about | rounded])])
-        table.to_csv(TABLE, index=False)
-        print(", ".join(f"{name} {value}" for name, value in rounded.items()), flush=True)
-    if options.folder is None:
-        shutil.rmtree(work)
+    with tempfile.TemporaryDirectory(prefix="pumaid-peers-") as work:
+        for record in measurements(Path(work), sorted(options.rows), options.limit):
+            rounded = {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in record.items()}
+            table = pd.concat([table, pd.DataFrame([about | rounded])])
+            table.to_csv(TABLE, index=False)
+            print(", ".join(f"{name} {value}" for name, value in rounded.items()), flush=True)
 
 
 if __name__ == "__main__":

@@ -56,18 +56,20 @@ def test_torques_of_a_log_are_those_of_its_motion(truth, rows):
     assert share < 0.2  # inertia of a gentle motion is a tenth of an arm's weight
 
 
-def test_three_formats_hold_one_log(tmp_path, rows):
-    """What figaroh, aurt and mujoco.sysid read are the same positions and torques (nine digits in text)."""
-    peer_logs.write_figaroh(tmp_path, rows)
-    peer_logs.write_aurt(tmp_path, rows)
-    peer_logs.write_mujoco(tmp_path, rows)
-    figaroh = np.genfromtxt(tmp_path / "figaroh.csv", delimiter=",", names=True)
+def test_four_formats_hold_one_log(tmp_path, rows, truth):
+    """What each tool reads are the same positions and torques (nine digits in text)."""
+    peer_logs.write(tmp_path, rows, truth)
+    figaroh, pumaid = (
+        np.genfromtxt(tmp_path / name, delimiter=",", names=True) for name in ("figaroh.csv", "pumaid/log.csv")
+    )
     aurt = np.genfromtxt(tmp_path / "aurt.csv", delimiter=" ", names=True)
     mujoco = np.load(tmp_path / "mujoco.npz")
     for j in range(3):
-        assert figaroh[f"q{j}"] == pytest.approx(rows.position[:, j], rel=1e-8, abs=1e-12)
-        assert aurt[f"actual_current_{j}"] == pytest.approx(figaroh[f"tau{j + 1}"], rel=1e-8, abs=1e-12)
-        assert mujoco["control"][:, j] == pytest.approx(figaroh[f"tau{j + 1}"], rel=1e-8, abs=1e-12)
+        close = {"rel": 1e-8, "abs": 1e-12}
+        for log, name in ((figaroh, f"q{j}"), (pumaid, f"q{j + 1}"), (aurt, f"actual_q_{j}")):
+            assert log[name] == pytest.approx(rows.position[:, j], **close)
+        torques = figaroh[f"tau{j + 1}"], aurt[f"actual_current_{j}"], pumaid[f"i{j + 1}"] / truth.gain[j]
+        assert all(torque == pytest.approx(mujoco["control"][:, j], **close) for torque in torques)
 
 
 def test_a_right_answer_is_not_off(tmp_path, truth):

@@ -11,101 +11,62 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 GRAVITY = 9.80665
+#: s, step of the closed loop's simulation.
+STEP = 0.0025
 QUARTER = np.pi / 2
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What arms of one kind have in common; one entry a joint.
-
-    Attributes
-    ----------
-    alpha, a, d, theta
-        rad and m, modified Denavit-Hartenberg; of a prismatic joint `d` is added to its position.
-    slides
-        Which joints are prismatic.
-    low, high
-        Limits, rad or m.
-    speed
-        Highest speed, rad/s or m/s.
-    mass, reach
-        kg; m, largest distance of a centre of mass from its frame.
-    gear
-        Motor turns per joint turn (or rad per m).
-    constant
-        N m per A at the motor.
-    rotor
-        kg m2 at the motor.
-    coulomb
-        A, typical dry friction.
-    """
-
-    alpha: tuple[float, ...]
-    a: tuple[float, ...]
-    d: tuple[float, ...]
-    theta: tuple[float, ...]
-    slides: tuple[bool, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    speed: tuple[float, ...]
-    mass: tuple[float, ...]
-    reach: tuple[float, ...]
-    gear: tuple[float, ...]
-    constant: tuple[float, ...]
-    rotor: tuple[float, ...]
-    coulomb: tuple[float, ...]
-
-
 TURN = 2.6
-KINDS = {
-    "puma": Kind(
-        alpha=(0, -QUARTER, 0, QUARTER, -QUARTER, QUARTER),
-        a=(0, 0, 0.4318, -0.0203, 0, 0),
-        d=(0, 0.2435, -0.0934, 0.4331, 0, 0),
-        theta=(0,) * 6,
-        slides=(False,) * 6,
-        low=(-TURN,) * 6,
-        high=(TURN,) * 6,
-        speed=(1.3, 1.2, 1.4, 2.2, 2.0, 2.4),
-        mass=(13.0, 17.4, 4.8, 0.9, 0.4, 0.15),
-        reach=(0.1, 0.25, 0.12, 0.06, 0.03, 0.03),
-        gear=(62.6, 107.8, 53.7, 76.0, 71.9, 76.7),
-        constant=(0.25, 0.24, 0.25, 0.09, 0.09, 0.08),
-        rotor=(2e-4, 2e-4, 2e-4, 3e-5, 3e-5, 3e-5),
-        coulomb=(0.5, 0.7, 0.4, 0.2, 0.22, 0.18),
-    ),
-    "ur": Kind(
-        alpha=(0, QUARTER, 0, 0, QUARTER, -QUARTER),
-        a=(0, 0, -0.425, -0.3922, 0, 0),
-        d=(0.1625, 0, 0, 0.1333, 0.0997, 0.0996),
-        theta=(0,) * 6,
-        slides=(False,) * 6,
-        low=(-TURN,) * 6,
-        high=(TURN,) * 6,
-        speed=(1.4, 1.3, 1.5, 2.0, 2.2, 2.4),
-        mass=(3.8, 8.4, 2.3, 1.2, 1.2, 0.25),
-        reach=(0.04, 0.25, 0.2, 0.04, 0.04, 0.04),
-        gear=(101.0,) * 6,
-        constant=(0.125, 0.125, 0.125, 0.092, 0.092, 0.092),
-        rotor=(1e-4, 1e-4, 1e-4, 3e-5, 3e-5, 3e-5),
-        coulomb=(0.7, 0.8, 0.6, 0.35, 0.35, 0.3),
-    ),
-    "stanford": Kind(
-        alpha=(0, -QUARTER, QUARTER, 0, -QUARTER, QUARTER),
-        a=(0,) * 6,
-        d=(0.412, 0.154, 0.0, 0.0, 0.0, 0.263),
-        theta=(0, 0, -QUARTER, 0, 0, 0),
-        slides=(False, False, True, False, False, False),
-        low=(-TURN, -TURN, 0.30, -TURN, -1.5, -TURN),
-        high=(TURN, TURN, 1.10, TURN, 1.5, TURN),
-        speed=(1.2, 1.2, 0.45, 2.0, 2.0, 2.2),
-        mass=(9.0, 6.0, 4.3, 1.1, 0.7, 0.5),
-        reach=(0.1, 0.12, 0.3, 0.05, 0.05, 0.06),
-        gear=(100.0, 100.0, 600.0, 80.0, 80.0, 60.0),
-        constant=(0.11, 0.12, 0.08, 0.07, 0.07, 0.06),
-        rotor=(1e-4, 1e-4, 5e-5, 2e-5, 2e-5, 2e-5),
-        coulomb=(0.5, 0.6, 0.4, 0.25, 0.25, 0.2),
-    ),
+COMMON: dict[str, tuple[float, ...]] = {
+    "theta": (0,) * 6,
+    "slides": (False,) * 6,
+    "low": (-TURN,) * 6,
+    "high": (TURN,) * 6,
+}
+#: What arms of one kind have in common, one entry a joint, as in `Arm`; `constant` is N m per A and `rotor` kg m2 at
+#: the motor, `reach` m the largest distance of a centre of mass from its frame.
+KINDS: dict[str, dict[str, tuple[float, ...]]] = {
+    "puma": COMMON
+    | {
+        "alpha": (0, -QUARTER, 0, QUARTER, -QUARTER, QUARTER),
+        "a": (0, 0, 0.4318, -0.0203, 0, 0),
+        "d": (0, 0.2435, -0.0934, 0.4331, 0, 0),
+        "speed": (1.3, 1.2, 1.4, 2.2, 2.0, 2.4),
+        "mass": (13.0, 17.4, 4.8, 0.9, 0.4, 0.15),
+        "reach": (0.1, 0.25, 0.12, 0.06, 0.03, 0.03),
+        "gear": (62.6, 107.8, 53.7, 76.0, 71.9, 76.7),
+        "constant": (0.25, 0.24, 0.25, 0.09, 0.09, 0.08),
+        "rotor": (2e-4, 2e-4, 2e-4, 3e-5, 3e-5, 3e-5),
+        "coulomb": (0.5, 0.7, 0.4, 0.2, 0.22, 0.18),
+    },
+    "ur": COMMON
+    | {
+        "alpha": (0, QUARTER, 0, 0, QUARTER, -QUARTER),
+        "a": (0, 0, -0.425, -0.3922, 0, 0),
+        "d": (0.1625, 0, 0, 0.1333, 0.0997, 0.0996),
+        "speed": (1.4, 1.3, 1.5, 2.0, 2.2, 2.4),
+        "mass": (3.8, 8.4, 2.3, 1.2, 1.2, 0.25),
+        "reach": (0.04, 0.25, 0.2, 0.04, 0.04, 0.04),
+        "gear": (101.0,) * 6,
+        "constant": (0.125, 0.125, 0.125, 0.092, 0.092, 0.092),
+        "rotor": (1e-4, 1e-4, 1e-4, 3e-5, 3e-5, 3e-5),
+        "coulomb": (0.7, 0.8, 0.6, 0.35, 0.35, 0.3),
+    },
+    "stanford": COMMON
+    | {
+        "alpha": (0, -QUARTER, QUARTER, 0, -QUARTER, QUARTER),
+        "a": (0,) * 6,
+        "d": (0.412, 0.154, 0.0, 0.0, 0.0, 0.263),
+        "theta": (0, 0, -QUARTER, 0, 0, 0),
+        "slides": (False, False, True, False, False, False),
+        "low": (-TURN, -TURN, 0.30, -TURN, -1.5, -TURN),
+        "high": (TURN, TURN, 1.10, TURN, 1.5, TURN),
+        "speed": (1.2, 1.2, 0.45, 2.0, 2.0, 2.2),
+        "mass": (9.0, 6.0, 4.3, 1.1, 0.7, 0.5),
+        "reach": (0.1, 0.12, 0.3, 0.05, 0.05, 0.06),
+        "gear": (100.0, 100.0, 600.0, 80.0, 80.0, 60.0),
+        "constant": (0.11, 0.12, 0.08, 0.07, 0.07, 0.06),
+        "rotor": (1e-4, 1e-4, 5e-5, 2e-5, 2e-5, 2e-5),
+        "coulomb": (0.5, 0.6, 0.4, 0.25, 0.25, 0.2),
+    },
 }
 
 
@@ -156,75 +117,61 @@ class Arm:
 
 
 def draw_arm(kind: str, seed: int) -> Arm:
-    """An arm of a kind: lengths, masses, gears and motors within physical ranges about the kind's own.
-
-    Parameters
-    ----------
-    kind
-        Key of `KINDS`.
-    seed
-        Same seed, same arm.
-    """
+    """An arm of a kind: lengths, masses, gears and motors within physical ranges about the kind's own."""
     common, rng = KINDS[kind], np.random.default_rng([seed, sorted(KINDS).index(kind), 1])
-    n = len(common.alpha)
+    n = len(common["alpha"])
 
     def about(values: tuple[float, ...], share: float) -> Floats:
         return np.array(values, dtype=float) * rng.uniform(1.0 - share, 1.0 + share, n)
 
-    mass = about(common.mass, 0.35)
-    centre = rng.uniform(-1.0, 1.0, (n, 3)) * np.array(common.reach)[:, None] * 0.4
+    mass = about(common["mass"], 0.35)
+    centre = rng.uniform(-1.0, 1.0, (n, 3)) * np.array(common["reach"])[:, None] * 0.4
     _lay_along_links(centre, common, rng)
     if rng.random() < 0.8:  # a tool
         mass[-1] += rng.uniform(0.4, 2.0)
         centre[-1] = [rng.uniform(-0.06, 0.06), rng.uniform(-0.06, 0.06), rng.uniform(0.03, 0.12)]
-    sides = np.square(np.array(common.reach)[:, None] * rng.uniform(0.5, 1.5, (n, 3)))  # of a solid block
+    sides = np.square(np.array(common["reach"])[:, None] * rng.uniform(0.5, 1.5, (n, 3)))  # of a solid block
     inertia = mass[:, None] * (sides.sum(axis=1, keepdims=True) - sides) / 12.0 + 1e-5
-    gear, constant = about(common.gear, 0.2), about(common.constant, 0.2)
+    gear, constant = about(common["gear"], 0.2), about(common["constant"], 0.2)
     sign = np.where(rng.random(n) < 0.25, -1.0, 1.0)
     return Arm(
         kind=kind,
         seed=seed,
-        alpha=np.array(common.alpha, dtype=float),
-        a=about(common.a, 0.2),
-        d=about(common.d, 0.2),
-        theta=np.array(common.theta, dtype=float),
-        slides=np.array(common.slides),
-        low=np.array(common.low),
-        high=np.array(common.high),
-        speed=about(common.speed, 0.15),
+        alpha=np.array(common["alpha"], dtype=float),
+        a=about(common["a"], 0.2),
+        d=about(common["d"], 0.2),
+        theta=np.array(common["theta"], dtype=float),
+        slides=np.array(common["slides"]),
+        low=np.array(common["low"]),
+        high=np.array(common["high"]),
+        speed=about(common["speed"], 0.15),
         mass=mass,
         centre=centre,
         inertia=inertia,
         gear=np.round(gear, 1),
-        armature=about(common.rotor, 0.3) * gear**2,
+        armature=about(common["rotor"], 0.3) * gear**2,
         gain=sign / (gear * constant),
-        coulomb=about(common.coulomb, 0.5),
+        coulomb=about(common["coulomb"], 0.5),
         is_geared=bool(rng.random() < 0.5),
     )
 
 
-def _lay_along_links(centre: Floats, common: Kind, rng: np.random.Generator) -> None:
+def _lay_along_links(centre: Floats, common: dict[str, tuple[float, ...]], rng: np.random.Generator) -> None:
     """Put each centre of mass part of the way to the next frame, where a link's body is."""
     for k in range(len(centre) - 1):
-        alpha, a, d = common.alpha[k + 1], common.a[k + 1], 0.0 if common.slides[k + 1] else common.d[k + 1]
+        alpha, a, d = common["alpha"][k + 1], common["a"][k + 1], 0.0 if common["slides"][k + 1] else common["d"][k + 1]
         centre[k] += rng.uniform(0.2, 0.6) * np.array([a, -d * np.sin(alpha), d * np.cos(alpha)])
-    for k, slides in enumerate(common.slides):
+    for k, slides in enumerate(common["slides"]):
         if not slides:
             continue
-        centre[k, 2] -= rng.uniform(0.2, 0.8) * common.reach[k]
+        centre[k, 2] -= rng.uniform(0.2, 0.8) * common["reach"][k]
 
 
 def mjcf(arm: Arm, *, stiffness: Floats | None = None, damping: Floats | None = None, dry: Floats | None = None) -> str:
-    """The arm as a MuJoCo document; with `stiffness` and `damping` its joints get PD actuators, with `dry` friction.
+    """The arm as a MuJoCo document.
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    stiffness, damping
-        (J,) gains of the position loop, N m/rad and N m s/rad (N/m, N s/m); no actuators where not given.
-    dry
-        (J,) N m or N of dry friction in the joints; none where not given.
+    With `stiffness` and `damping` (J,) (N m/rad and N m s/rad, or N/m and N s/m) its joints get PD actuators, with
+    `dry` (J,) (N m or N) friction.
     """
     head = (
         f'<mujoco><compiler angle="radian"/><option timestep="{STEP}" integrator="implicitfast" '
@@ -233,11 +180,11 @@ def mjcf(arm: Arm, *, stiffness: Floats | None = None, damping: Floats | None = 
     parts = [head]
     for k in range(arm.n):
         s, c = np.sin(arm.alpha[k]), np.cos(arm.alpha[k])
-        turn = _product(_about(0, arm.alpha[k]), _about(2, arm.theta[k]))
         kind = "slide" if arm.slides[k] else "hinge"
         loss = "" if dry is None else f' frictionloss="{dry[k]}"'
+        place, turn = f"{arm.a[k]} {-arm.d[k] * s} {arm.d[k] * c}", f"{arm.alpha[k]} 0 {arm.theta[k]}"
         parts.append(
-            f'<body name="link{k + 1}" pos="{arm.a[k]} {-arm.d[k] * s} {arm.d[k] * c}" quat="{_row(turn)}">'
+            f'<body name="link{k + 1}" pos="{place}" euler="{turn}">'
             f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{arm.armature[k]}"{loss}/>'
             f'<inertial pos="{_row(arm.centre[k])}" mass="{arm.mass[k]}" diaginertia="{_row(arm.inertia[k])}"/>'
         )
@@ -251,25 +198,8 @@ def mjcf(arm: Arm, *, stiffness: Floats | None = None, damping: Floats | None = 
     return "".join([*parts, "</mujoco>"])
 
 
-#: s, step of the closed loop's simulation.
-STEP = 0.0025
-
-
 def _row(values: Floats) -> str:
     return " ".join(f"{value:.12g}" for value in values)
-
-
-def _about(axis: int, angle: float) -> Floats:
-    """Quaternion of a turn about x (0) or z (2)."""
-    out = np.zeros(4)
-    out[0], out[1 + axis] = np.cos(angle / 2), np.sin(angle / 2)
-    return out
-
-
-def _product(p: Floats, q: Floats) -> Floats:
-    out = np.zeros(4)
-    mujoco.mju_mulQuat(out, p, q)
-    return out
 
 
 def compiled(document: str) -> mujoco.MjModel:

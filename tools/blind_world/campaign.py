@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,43 +36,24 @@ class Stroke:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """All strokes in the order of execution, and how they are ramped.
-
-    Attributes
-    ----------
-    ramp
-        (J,) s of acceleration from rest to the joint's highest speed.
-    is_smooth
-        Whether ramps are raised cosines in speed rather than straight.
-    """
+    """All strokes in the order of execution, and how they are ramped."""
 
     strokes: tuple[Stroke, ...]
-    ramp: Floats
-    is_smooth: bool
-    pauses: Floats
-    is_thin: bool
+    ramp: Floats  # (J,) s of acceleration from rest to the joint's highest speed
+    is_smooth: bool  # ramps are raised cosines in speed rather than straight
+    pauses: Floats  # (R,) s before each
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The command in time.
+    """The command in time."""
 
-    Attributes
-    ----------
-    position, velocity, acceleration
-        (K, J) at every step of the simulation.
-    begins, ends
-        (R,) s: where each stroke's speed is commanded constant.
-    opens, closes
-        (R,) s: where each stroke starts from and comes to rest.
-    """
-
-    position: Floats
+    position: Floats  # (K, J) at every step of the simulation, like the next two
     velocity: Floats
     acceleration: Floats
-    begins: Floats
+    begins: Floats  # (R,) s: where each stroke's speed is commanded constant
     ends: Floats
-    opens: Floats
+    opens: Floats  # (R,) s: where each stroke starts from and comes to rest
     closes: Floats
 
 
@@ -81,13 +61,6 @@ def draw_campaign(arm: Arm, *, is_thin: bool) -> Campaign:
     """4 postures x 4 speeds x 2 directions x 2 replicates a joint, or 2 x 2 x 2 x 1; and held-out runs at one more.
 
     Blocks of one joint at one posture come in random order, all first replicates before all second ones.
-
-    Parameters
-    ----------
-    arm
-        Its own seed decides.
-    is_thin
-        Which design.
     """
     rng = np.random.default_rng([arm.seed, sum(map(ord, arm.kind)), 2, is_thin])
     n_postures, replicates = (2, 1) if is_thin else (4, 2)
@@ -96,9 +69,9 @@ def draw_campaign(arm: Arm, *, is_thin: bool) -> Campaign:
     shares = [np.array(speeds) * rng.uniform(0.93, 1.07, len(speeds)) for _ in range(arm.n)]
     outside = [np.array(HELDOUT_SPEEDS) * rng.uniform(0.93, 1.07, 2) for _ in range(arm.n)]
     postures = [_postures(arm, joint, rng, n_postures + 1) for joint in range(arm.n)]
-    rounds = []
+    pairs, rounds = [(joint, posture) for joint in range(arm.n) for posture in range(n_postures)], []
     for replicate in range(replicates):
-        rounds += [(j, p, replicate) for j, p in _shuffled(rng, arm.n, n_postures)]
+        rounds += [(*pairs[index], replicate) for index in rng.permutation(len(pairs))]
     for joint in range(arm.n):
         rounds.insert(int(rng.integers(0, len(rounds) + 1)), (joint, n_postures, 0))
     strokes: list[Stroke] = []
@@ -116,14 +89,7 @@ def draw_campaign(arm: Arm, *, is_thin: bool) -> Campaign:
         ramp=rng.uniform(0.2, 0.45, arm.n),
         is_smooth=bool(rng.random() < 0.5),
         pauses=rng.uniform(0.08, 0.35, len(strokes)),
-        is_thin=is_thin,
     )
-
-
-def _shuffled(rng: np.random.Generator, n_joints: int, n_postures: int) -> Iterator[tuple[int, int]]:
-    pairs = [(joint, posture) for joint in range(n_joints) for posture in range(n_postures)]
-    for index in rng.permutation(len(pairs)):
-        yield pairs[index]
 
 
 def _span(arm: Arm, joint: int, rng: np.random.Generator) -> tuple[float, float]:
@@ -147,13 +113,7 @@ def _postures(arm: Arm, joint: int, rng: np.random.Generator, count: int) -> lis
 
 
 def reference(campaign: Campaign, arm: Arm) -> Reference:
-    """The command at every step of the simulation, moves between the strokes included.
-
-    Parameters
-    ----------
-    campaign, arm
-        What is to be done, by which arm.
-    """
+    """The command at every step of the simulation, moves between the strokes included."""
     parts: list[Floats] = []
     marks = []
     at, clock = _before(campaign.strokes[0]), 0

@@ -17,15 +17,7 @@ RANK = 1e-7
 
 
 def inverse(model: mujoco.MjModel, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
-    """(N, J) torques (N m or N) that the motion takes.
-
-    Parameters
-    ----------
-    model
-        Without friction and actuators.
-    position, velocity, acceleration
-        (N, J).
-    """
+    """(N, J) torques (N m or N) that a motion (N, J) takes of an arm without friction and actuators."""
     data = mujoco.MjData(model)
     q, v, a, f = data.qpos, data.qvel, data.qacc, data.qfrc_inverse
     out, solve = np.empty_like(position), mujoco.mj_inverse
@@ -44,36 +36,17 @@ def holding(model: mujoco.MjModel, position: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Statics:
-    """Gravity of the joint that moves, row by row (zero where none does).
+    """Gravity of the joint that moves, row by row (zero where none does)."""
 
-    Attributes
-    ----------
-    load
-        (N,) N m or N.
-    across
-        (N,) N m: size of gravity's moment about the joint's centre across its axis; zero for a sliding joint.
-    regressor
-        (N, p) load per unit of each of p independent link parameters (masses, kg, and first moments, kg m).
-    """
-
-    load: Floats
-    across: Floats
-    regressor: Floats
+    load: Floats  # (N,) N m or N
+    across: Floats  # (N,) N m: size of gravity's moment across the joint's axis; zero for a sliding joint
+    regressor: Floats  # (N, p) load per unit of p independent link parameters (masses, kg, first moments, kg m)
 
 
 def statics(model: mujoco.MjModel, position: Floats, joint: NDArray[np.int64], *, slides: NDArray[np.bool_]) -> Statics:
     """Gravity of the moving joint from the places of MuJoCo's bodies, by virtual work.
 
-    Parameters
-    ----------
-    model
-        The arm.
-    position
-        (N, J).
-    joint
-        (N,) moving joint from 0, -1 for none.
-    slides
-        (J,) which joints are prismatic.
+    `position` is (N, J), `joint` (N,) the moving joint from 0, -1 for none, `slides` (J,) which joints are prismatic.
     """
     n = len(slides)
     data = mujoco.MjData(model)

@@ -28,27 +28,15 @@ SETTLING = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What an arm did, N rows at `RATE`, and what MuJoCo says it took.
+    """What an arm did, N rows at `RATE`, and what MuJoCo says it took."""
 
-    Attributes
-    ----------
-    position, velocity, acceleration, torque
-        (N, J) true; torque (N m or N) by inverse dynamics, without any friction.
-    moving
-        (N,) index of the stroke that is under way, -1 between strokes.
-    run
-        (N,) the same where its speed is commanded constant and the loop has settled, else -1.
-    static
-        (N, ...) gravity of the moving joint; see `gravity.Statics`.
-    """
-
-    position: Floats
+    position: Floats  # (N, J), true, like the next three
     velocity: Floats
     acceleration: Floats
-    torque: Floats
-    moving: NDArray[np.int64]
-    run: NDArray[np.int64]
-    load: Floats
+    torque: Floats  # N m or N, by inverse dynamics, without any friction
+    moving: NDArray[np.int64]  # (N,) index of the stroke that is under way, -1 between strokes
+    run: NDArray[np.int64]  # (N,) the same where its speed is commanded constant and the loop has settled, else -1
+    load: Floats  # (N, ...) gravity of the moving joint, like the next two; see `gravity.Statics`
     across: Floats
     regressor: Floats
 
@@ -62,15 +50,7 @@ class Motion:
 
 
 def motion_of(kind: str, seed: int, *, is_thin: bool) -> tuple[Arm, Campaign, Motion]:
-    """An arm, its campaign and its motion; simulated once and then read from the folder of kept motions.
-
-    Parameters
-    ----------
-    kind, seed
-        Of the arm.
-    is_thin
-        Which design.
-    """
+    """An arm, its campaign and its motion; simulated once and then read from the folder of kept motions."""
     arm = draw_arm(kind, seed)
     campaign = draw_campaign(arm, is_thin=is_thin)
     folder = Path(os.environ.get("BLIND_CACHE", Path(tempfile.gettempdir()) / "blind_motions"))

@@ -1,86 +1,71 @@
-"""An experiment from beginning to end: log, program, verdict against the truth; one flat record."""
+"""An experiment from beginning to end: log, program, verdict against the truth; one flat record.
+
+The program under test is called here and nowhere else, the way its command line calls it.
+"""
 
 from __future__ import annotations
 
 import tempfile
-import time
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blind_world import program
 from blind_world.case import Case, Experiment, drawn
 from blind_world.hidden import Hidden, Unfit, applied
 from blind_world.logs import write_experiment
 from blind_world.motion import RATE
 from blind_world.world import sensed
+from pumaid.dataset import Dataset
+from pumaid.diagnosis.diagnose import diagnose
+from pumaid.diagnosis.records import Diagnosis, Finding
+from pumaid.errors import PumaidError
+from pumaid.estimate import Estimate
+from pumaid.estimation.estimate import identify
+from pumaid.experiment import Experiment as Logs
+from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
 
-#: Share of the truth that an equivalent must reproduce, and the noise at which that is measured.
-EQUIVALENT, QUIET = 0.9, 0.1
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What the program makes of a folder: its logs read, the paper's model identified, and what it says is missing."""
+
+    robot: Robot
+    dataset: Dataset
+    estimate: Estimate
+    diagnosis: Diagnosis
+
+    @classmethod
+    def of_folder(cls, folder: Path) -> Session:
+        """Run the program."""
+        logs = Logs((str(folder / "logs"),))
+        robot, dataset = logs.robot, logs.dataset()
+        estimate = identify(dataset, robot)
+        return cls(robot, dataset, estimate, diagnose(estimate, dataset, robot))
+
+    @property
+    def added(self) -> list[Finding]:
+        """Findings that the program would add."""
+        return [finding for finding in self.diagnosis.findings if finding.verdict == "add"]
 
 
-def judged(case: Case, *, on_command_line: bool = False) -> dict[str, Any]:
-    """Run a case and score it: a line of the file of results. On the command line, too, it must say the same."""
-    record: dict[str, Any] = {
-        "key": case.key,
-        "group": case.group,
-        "effects": list(case.effects),
-        "arm": case.kind,
-        "size": case.size,
-        "seed": case.seed,
-    }
-    begun = time.process_time()
+def judged(case: Case) -> dict[str, Any]:
+    """Run a case and score it: a line of the file of results."""
+    record: dict[str, Any] = {"key": case.key, "group": case.group, "effects": list(case.effects)}
+    record |= {"size": case.size, "seed": case.seed}
     try:
         experiment = drawn(case)
     except Unfit as why:
         return record | {"outcome": "skipped", "reason": str(why)}
-    seconds = {"simulate": time.process_time() - begun}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        begun = time.process_time()
         write_experiment(folder, experiment.world, sensed(experiment.world, experiment.state, experiment.noise))
-        seconds["write"] = time.process_time() - begun
-        begun = time.process_time()
-        session = program.opened(folder)
-        seconds["identify"] = time.process_time() - begun
-        begun = time.process_time()
-        diagnosis = program.diagnosed(session)
-        seconds["diagnose"] = time.process_time() - begun
-        begun = time.process_time()
-        record |= _told(experiment) | _said(experiment, diagnosis) | _after(experiment, session, diagnosis)
-        if record["outcome"] == "wrong" and case.group != "pair":
-            record |= _reproduced(experiment, diagnosis)
-        seconds["score"] = time.process_time() - begun
-        if on_command_line:
-            told = [(one["effect"], one["joint"], one["verdict"]) for one in program.on_the_command_line(folder)]
-            record["same_on_command_line"] = told == [(f.effect, f.joint, f.verdict) for f in diagnosis.findings]
-    return record | {"seconds": {name: round(value, 2) for name, value in seconds.items()}}
-
-
-def _told(experiment: Experiment) -> dict[str, Any]:
-    """The truth, for the record."""
-    truth = [
-        {
-            "effect": hidden.name,
-            "joint": None if hidden.joint is None else hidden.joint + 1,
-            "amplitude": amplitude,
-            "unit": hidden.unit,
-            "share_of_largest": amplitude / hidden.largest,
-            "noncentrality": reached,
-            "shape": {name: float(value) for name, value in hidden.shape.items()},
-        }
-        for (hidden, amplitude), reached in zip(experiment.hidden, experiment.noncentrality, strict=True)
-    ]
-    return {"truth": truth}
-
-
-def _added(diagnosis: Any) -> list[Any]:
-    return [finding for finding in diagnosis.findings if finding.verdict == "add"]
+        session = Session.of_folder(folder)
+        return record | said(experiment, session) | heldout(experiment, session)
 
 
 def names(hidden: Hidden, effect: str, joint: int | None) -> bool:
@@ -88,7 +73,7 @@ def names(hidden: Hidden, effect: str, joint: int | None) -> bool:
     return effect == hidden.name and (hidden.joint is None or joint == hidden.joint + 1)
 
 
-def rank(hidden: Hidden, finding: Any) -> str:
+def rank(hidden: Hidden, finding: Finding) -> str:
     """``first``, ``set`` (among the rivals, ``name@joint`` elsewhere) or ``no``: how a finding names the effect."""
     if names(hidden, finding.effect, finding.joint):
         return "first"
@@ -99,52 +84,49 @@ def rank(hidden: Hidden, finding: Any) -> str:
     return "no"
 
 
-def _said(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:
-    added = _added(diagnosis)
-    findings = [
-        {"effect": f.effect, "joint": f.joint, "rivals": list(f.rivals), "p": f.p_value, "verdict": f.verdict}
-        for f in diagnosis.findings
-    ]
-    verdicts = {one.joint: one.verdict for one in diagnosis.joints}
+def felt(experiment: Experiment) -> list[int]:
+    """Joints (from 0) whose current the hidden effects change; all where nothing is hidden."""
+    joints = {joint for hidden, _ in experiment.hidden for joint in hidden.felt}
+    return sorted(joints) or list(range(experiment.world.arm.n))
+
+
+def said(experiment: Experiment, session: Session) -> dict[str, Any]:
+    """What the program said, beside the truth."""
+    added = session.added
+    verdicts = {joint.joint: joint.verdict for joint in session.diagnosis.joints}
     ranks = [[rank(hidden, finding) for finding in added] for hidden, _ in experiment.hidden]
-    felt = {joint + 1 for hidden, _ in experiment.hidden for joint in hidden.felt}
-    said = {
-        "findings": findings,
-        "verdicts": [verdicts.get(joint + 1, "") for joint in range(experiment.world.arm.n)],
+    if not added:
+        outcome = "missed" if experiment.hidden else "quiet"
+    else:
+        outcome = {"no": "wrong"}.get(ranks[0][0], ranks[0][0]) if len(ranks) == 1 else "spoke"
+    return {
+        "outcome": outcome,
+        "findings": [{"effect": f.effect, "joint": f.joint, "rivals": list(f.rivals)} for f in added],
         "sets": [1 + len(finding.rivals) for finding in added],
-        "unexplained": any(verdicts.get(joint) == "unexplained" for joint in felt),
+        "unexplained": bool(ranks) and any(verdicts.get(j + 1) == "unexplained" for j in felt(experiment)),
         "needless": sum(all(row[k] == "no" for row in ranks) for k in range(len(added))),
-        "later": bool(ranks) and any(one != "no" for row in ranks for one in row[1:]),
-        "named": [("first" if "first" in row else "set" if "set" in row else "no") for row in ranks],
+        "later": any(word != "no" for row in ranks for word in row[1:]),
+        "named": sum(any(word != "no" for word in row) for row in ranks),
     }
-    if not added:
-        return said | {"outcome": "missed" if experiment.hidden else "quiet"}
-    if len(ranks) == 1:
-        return said | {"outcome": {"first": "first", "set": "set", "no": "wrong"}[ranks[0][0]]}
-    return said | {"outcome": "spoke"}
 
 
-def _after(experiment: Experiment, session: program.Session, diagnosis: Any) -> dict[str, Any]:
+def heldout(experiment: Experiment, session: Session) -> dict[str, Any]:
     """Error on held-out runs before and after adding what was found, over that of the true model, felt joints only."""
-    felt = sorted({joint for hidden, _ in experiment.hidden for joint in hidden.felt}) or range(experiment.world.arm.n)
-    best = true_rmse(experiment, session)[list(felt)]
-    before = program.heldout_rmse(session.estimate)[list(felt)]
-    out: dict[str, Any] = {"before": _ratio(before, best)}
-    added = _added(diagnosis)
-    if not added:
-        return out | {"after": out["before"]}
-    model = program.with_effects(session, added)
-    if isinstance(model, str):
-        return out | {"after": None, "refused": model}
-    return out | {"after": _ratio(program.heldout_rmse(model)[list(felt)], best)}
+    best = true_rmse(experiment, session)
+
+    def ratio(estimate: Estimate) -> float:
+        errors = np.array([np.nan if joint.heldout is None else joint.heldout for joint in estimate.joints])
+        return float(np.sqrt(np.nanmean(np.square(errors / best)[felt(experiment)])))
+
+    choices = [EffectChoice(finding.effect, finding.joint, dict(finding.shape)) for finding in session.added]
+    try:
+        model = identify(session.dataset, session.robot, effects=choices) if choices else session.estimate
+    except PumaidError as error:
+        return {"before": ratio(session.estimate), "after": None, "refused": error.slug}
+    return {"before": ratio(session.estimate), "after": ratio(model)}
 
 
-def _ratio(error: Floats, best: Floats) -> float:
-    """Root mean square over joints of error in units of the best possible."""
-    return float(np.sqrt(np.nanmean(np.square(error / best))))
-
-
-def true_rmse(experiment: Experiment, session: program.Session) -> Floats:
+def true_rmse(experiment: Experiment, session: Session) -> Floats:
     """(J,) A: RMSE on the program's own held-out runs of the true model, fitted with the true noise and shapes.
 
     The true model has no inertia either, so what a run kept of a ramp counts against it as against the program.
@@ -155,40 +137,15 @@ def true_rmse(experiment: Experiment, session: program.Session) -> Floats:
     effects = [applied(world, [pair], world.resting).current - base for pair in experiment.hidden]
     values, amplitudes = oracle.fit(measured, effects, base)
     squares, counts = np.zeros(world.arm.n), np.zeros(world.arm.n)
-    for joint, first, last in program.heldout_spans(session):
-        rows = _rows(first, last)
+    for run in session.dataset.runs:
+        if not run.heldout:
+            continue
+        joint = run.joint - 1
+        rows = np.arange(round(run.start * RATE), round((run.start + run.duration) * RATE) + 1)
         miss = (measured - base)[rows, joint] - oracle.base(joint, rows) @ values
-        miss -= sum((a * one[rows, joint] for a, one in zip(amplitudes, effects, strict=True)), np.zeros(len(rows)))
+        for amplitude, effect in zip(amplitudes, effects, strict=True):
+            miss -= amplitude * effect[rows, joint]
         squares[joint] += miss @ miss
         counts[joint] += len(rows)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / counts))
-
-
-def _rows(first: float, last: float) -> NDArray[np.int64]:
-    """Rows of the log from one instant (s) to another."""
-    return np.arange(round(first * RATE), round(last * RATE) + 1)
-
-
-def _reproduced(experiment: Experiment, diagnosis: Any) -> dict[str, Any]:
-    """Share of what the base model lacks that the findings reproduce, measured on a log with hardly any noise."""
-    world = replace(experiment.world, noise=replace(experiment.world.noise, step=1e-6))
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        write_experiment(folder, world, sensed(world, experiment.state, QUIET * experiment.noise))
-        session = program.opened(folder)
-        model = program.with_effects(session, _added(diagnosis))
-        if isinstance(model, str):
-            return {"reproduced": None}
-        felt = sorted({joint for hidden, _ in experiment.hidden for joint in hidden.felt})
-        floor = _quiet(experiment)[felt]
-        left = np.square(program.fitted_rmse(model)[felt]) / floor - 1.0
-        lacking = np.square(program.fitted_rmse(session.estimate)[felt]) / floor - 1.0
-    share = 1.0 - float(np.sum(left) / np.sum(lacking))
-    return {"reproduced": round(share, 3), "equivalent": share >= EQUIVALENT}
-
-
-def _quiet(experiment: Experiment) -> Floats:
-    """(J,) A2: mean square of the reduced noise in fitted runs."""
-    rows = experiment.oracle.joints
-    return np.array([np.mean(np.square(QUIET * experiment.noise[own, joint])) for joint, own in enumerate(rows)])

@@ -1,0 +1,425 @@
+"""Repeat experiments on virtual arms and print the tables that the documents state.
+
+    python tools/trials.py accuracy [-o FIGURE.png]     docs/validation.md; five minutes
+    python tools/trials.py budget                       docs/diagnosis.md; a quarter of an hour
+    python tools/trials.py planning [--experiments 40]  docs/planning.md
+    python tools/trials.py statistics                   docs/statistics.md; ten minutes
+
+Seeds were not used in development. Shares stand with Wilson's 95 % interval. Arms, noise and hidden effects are those
+of `pumaid.simulation`, which shares no code with the model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import matplotlib.pyplot as plt
+import numpy as np
+from blind_world.tables import header, interval, row
+from experiments import coverage, logged, losses
+
+from pumaid import compare, identify, segment, simulate
+from pumaid.dataset import Campaign, Dataset, FileFacts
+from pumaid.design.plan import plan
+from pumaid.diagnosis.detection_limit import detection_limits
+from pumaid.diagnosis.diagnose import DiagnosisBuilder
+from pumaid.diagnosis.records import UNEXPLAINED_JOINT
+from pumaid.diagnosis.score_test import minus_log10_p
+from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
+from pumaid.effects import catalogue
+from pumaid.errors import PumaidError
+from pumaid.estimate import Estimate
+from pumaid.estimation.evaluate import Budget
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.model import Model
+from pumaid.robot import Robot
+from pumaid.simulation import Bench, Noise, Truth, draw, table1
+from pumaid.simulation.hidden_effects import Hidden
+from pumaid.trajectory import Motion, Plan, duration
+
+#: Design -> postures, speeds (of a slide: a fifth, in m/s), directions, repeats.
+DESIGNS: dict[str, tuple[int, Sequence[float], Sequence[int], int]] = {
+    "4 postures, 4 speeds, both ways, twice": (4, (0.2, 0.4, 0.8, 1.2), (1, -1), 2),
+    "the same, once": (4, (0.2, 0.4, 0.8, 1.2), (1, -1), 1),
+    "2 postures, 2 speeds, both ways, twice": (2, (0.3, 0.9), (1, -1), 2),
+    "4 postures, 4 speeds, one way, twice": (4, (0.2, 0.4, 0.8, 1.2), (1,), 2),
+}
+FULL = next(iter(DESIGNS))
+
+
+def drawn(name: str, seed: int) -> Truth:
+    """A virtual arm of a shipped recipe."""
+    return draw(read_recipe(shipped_recipes()[name]), seed)
+
+
+def designed(robot: Robot, design: str, seed: int) -> Plan:
+    """Every joint in random postures, in random order, repeats one after another."""
+    postures, speeds, ways, repeats = DESIGNS[design]
+    rng, holds, motions = np.random.default_rng(seed), {}, list[Motion]()
+    size = np.where(robot.is_revolute, 2.0, 0.3)
+    for joint in robot.joints:
+        holds[joint.number] = [tuple(rng.uniform(-size, size)) for _ in range(postures)]
+    for joint in robot.joints * repeats:
+        reach, slow = (2.0, 1.0) if joint.is_revolute else (0.3, 0.2)
+        once = [
+            Motion(joint.number, hold, -reach * way, reach * way, speed * slow)
+            for hold in holds[joint.number]
+            for speed in speeds
+            for way in ways
+        ]
+        motions += [once[k] for k in rng.permutation(len(once))]
+    return Plan(robot.name, tuple(motions))
+
+
+def bench(truth: Truth, motions: Plan) -> Bench:
+    """The quick virtual laboratory of all trials but those of accuracy."""
+    return Bench(truth, motions, rate=50.0, bins=120)
+
+
+#: Experiments of each arm; recipe and seed of the drawn arms; seeds of the experiments that go through log files.
+EXPERIMENTS, ARMS, LOGS = 200, (("ur3e", 11), ("stanford", 12), ("panda", 14), ("pendulum2", 13)), range(900, 920)
+
+
+def accuracy(options: argparse.Namespace) -> Iterator[str]:
+    """Coverage of intervals, errors over the Cramer-Rao bound, and Table I through log files."""
+    truth = table1.puma560()
+    paper = Bench(truth, table1.experiment(2), rate=50.0)
+    clustered, white = coverage(truth, paper, experiments=EXPERIMENTS, white=EXPERIMENTS)
+    if options.output is not None:
+        coverage_figure(clustered, white, options.output)
+    shares = {"PUMA 560, the paper's experiment twice": clustered, "the same, white-noise errors": white}
+    for name, seed in ARMS:
+        arm = drawn(name, seed)
+        planned = Bench(arm, plan(arm.robot, seed=seed, replicates=1), rate=50.0)
+        shares[f"{arm.robot.name}, planned"] = coverage(arm, planned, experiments=EXPERIMENTS)[0]
+    yield header("arm and experiment", "parameters", "intervals that hold the truth", "lowest of a single parameter")
+    for title, by_name in shares.items():
+        lowest = min(by_name, key=lambda name: by_name[name])
+        mean = 100 * np.mean(list(by_name.values()))
+        yield row(title, len(by_name), f"{mean:.1f} %", f"{100 * by_name[lowest]:.1f} % ({lowest})")
+    quiet = Noise(truth.noise.std, level_share=0.0, correlation_time=0.0)
+    names, *methods = losses(replace(truth, noise=quiet), table1.experiment())
+    for title, loss in zip(("joint fit", "recursion"), methods, strict=True):
+        worst = ", ".join(f"{names[k]} {loss[k]:.2f}" for k in np.argsort(-loss)[:3])
+        yield f"\nRMS error over the Cramer-Rao bound, {title}: {np.exp(np.mean(np.log(loss))):.3f}; most: {worst}"
+    exact, contained = truth.parameters(), []
+    for seed in LOGS:
+        with TemporaryDirectory() as folder:
+            values = [value for value in logged(Path(folder), seed).values if value.ci95 is not None]
+        contained += [value.ci95[0] <= exact[value.name] <= value.ci95[1] for value in values if value.ci95]
+    yield f"\nIntervals that hold the value of Table I, through log files: {interval(contained)}"
+
+
+def coverage_figure(clustered: dict[str, float], white: dict[str, float], path: Path) -> None:
+    """Coverage by parameter: clustered by run against white noise, with the band in which experiments scatter."""
+    names = list(clustered)
+    fig, ax = plt.subplots(figsize=(9, 4.6), layout="constrained")
+    half = 1.96 * np.sqrt(0.95 * 0.05 / EXPERIMENTS)
+    ax.axhspan(100 * (0.95 - half), 100 * (0.95 + half), color="#d9e6f2", lw=0, label="95 % and its scatter")
+    ax.axhline(95, color="#5b7fa3", lw=1)
+    ax.plot([100 * clustered[name] for name in names], "o", color="#0072b2", ms=5, label="pumaid: clustered by run")
+    plain = [100 * white.get(name, np.nan) for name in names]
+    ax.plot(plain, "s", color="#d55e00", ms=5, mfc="none", label="plain least squares: white noise")
+    ax.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+    ax.set(ylim=(0, 103), ylabel="intervals that hold the truth (%)")
+    title = f"How often a 95 % interval holds the truth: virtual PUMA 560, {EXPERIMENTS} experiments"
+    ax.set_title(title, loc="left", fontsize=10)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(loc="center right", bbox_to_anchor=(1.0, 0.6), frameon=False, fontsize=8)
+    fig.savefig(path, dpi=150)
+
+
+#: First seeds without and with a hidden effect; experiments on each arm of each design, and of each hidden effect.
+NOISE_ONLY, WITH_EFFECT, REPEATS, TRIALS = 970_000, 980_000, 12, 2
+#: What a hidden effect leaves of the model, as a multiple of the noise; below VISIBLE of it an effect is not seen.
+SIZE, VISIBLE = 0.5, 1e-4
+#: Effect -> where its trace may stand: part and variable; and values of it that are no sizes. A link that sags is left
+#: out: simulating it would take longer than all others together.
+TRACES: dict[str, tuple[tuple[tuple[str, str], ...], dict[str, float]]] = {
+    "stribeck": ((("odd", "speed"),), {}),
+    "load_friction": ((("odd", "load"), ("smooth", "direction")), {}),
+    "position_friction": ((("smooth", "direction"),), {}),
+    "presliding": ((("start", "travel"),), {}),
+    "spring": ((("smooth", "position"), ("smooth", "posture")), {}),
+    "counterbalance": ((("smooth", "position"), ("smooth", "posture")), {}),
+    "ripple": ((("fast", "position"),), {}),
+    "warmup": ((("time", "time"),), {"time_constant": 1500.0}),
+    "friction_step": ((("time", "time"),), {"time": 1500.0}),
+    "torque_constant_drift": ((("time", "load"), ("time", "time")), {"time_constant": 1500.0}),
+    "tilt": ((("smooth", "posture"), ("even", "posture"), ("smooth", "position")), {}),
+}
+#: Values of a hidden effect that its size multiplies; the others are shapes.
+AMPLITUDES = ("a", "b", "cos", "sin", "drive", "back", "x", "y", "c")
+
+
+def budgets(truth: Truth, motions: Plan, seed: int) -> dict[int, Budget]:
+    """Residual budget of every joint of the model that is fitted to one experiment."""
+    runs = bench(truth, motions).runs(np.random.default_rng(seed))
+    dataset = Dataset(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
+    comparison = compare(identify(dataset, truth.robot), dataset, truth.robot)
+    return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
+
+
+def budget(options: argparse.Namespace) -> Iterator[str]:
+    """False alarms where all is noise, and to which part the error of a hidden effect is assigned."""
+    arms = [table1.puma560(), drawn("ur3e", 21), drawn("stanford", 22)]
+    yield header("design", "joints with a significant part though nothing is missing")
+    for design in DESIGNS:
+        flagged = []
+        for truth in arms:
+            for seed in range(NOISE_ONLY, NOISE_ONLY + REPEATS):
+                joints = budgets(truth, designed(truth.robot, design, seed), seed).values()
+                flagged += [any(part.is_more for part in joint.parts) for joint in joints]
+        yield row(design, interval(flagged))
+    yield "\n" + header("effect", f"largest part, at {SIZE} x noise", "of its error in significant parts")
+    for effect in TRACES:
+        verdicts, shares = Counter[str](), []
+        for place, truth in enumerate(arms):
+            for seed in range(WITH_EFFECT + 100 * place, WITH_EFFECT + 100 * place + TRIALS):
+                hidden = with_effect(truth, effect, seed)
+                if hidden is not None:
+                    arm, joint = hidden
+                    split = budgets(arm, designed(truth.robot, FULL, seed), seed)[joint]
+                    verdicts[assigned(split, effect)] += 1
+                    shares.append((split.mean_square - split.noise) / (SIZE * truth.noise.std[joint - 1]) ** 2)
+        counts = ", ".join(f"{verdicts[word]} {word}" for word in sorted(verdicts))
+        yield row(effect, counts, f"{100.0 * np.median(shares):.0f} %")
+
+
+def with_effect(truth: Truth, effect: str, seed: int) -> tuple[Truth, int] | None:
+    """The arm with an effect that leaves SIZE times the noise of the joint that shows it most; none if it cannot."""
+    joint = int(np.random.default_rng(seed).integers(1, truth.robot.n_joints + 1))
+    motions, where = designed(truth.robot, FULL, seed), None if effect == "tilt" else joint
+    try:
+        (bare,) = truth.hiding([Hidden(effect, where, TRACES[effect][1])]).hidden
+    except PumaidError:
+        return None
+    quiet = budgets(replace(truth.with_noise(0.0), hidden=(bare,)), motions, seed)
+    ratios = {number: split.mean_square**0.5 / truth.noise.std[number - 1] for number, split in quiet.items()}
+    shown = max(ratios, key=lambda number: ratios[number]) if where is None else joint
+    if ratios[shown] <= VISIBLE:
+        return None
+    scale = SIZE / ratios[shown]
+    values = {key: value * (scale if key in AMPLITUDES else 1.0) for key, value in bare.values.items()}
+    return replace(truth, hidden=(Hidden(effect, where, values),)), shown
+
+
+def assigned(split: Budget, effect: str) -> str:
+    """``right``: the largest part is the effect's; ``other``: it is not, ``open``: it has no name; ``silent``."""
+    parts = sorted((part for part in split.parts if part.is_more), key=lambda part: -part.mean_square)
+    if not parts or parts[0].name == "unassigned":
+        return "open" if parts else "silent"
+    return "right" if any((parts[0].name, variable) in TRACES[effect][0] for variable in parts[0].against) else "other"
+
+
+#: How often the paper's experiment is made: its time is that of the plans; first seed of the experiments.
+TIMES, PLANNED = (1, 2), 5000
+#: A ratio that no plan shows on the paper's PUMA.
+UNSHOWN = "gain_ratio.5.6"
+
+
+def planning(options: argparse.Namespace) -> Iterator[str]:
+    """The planner against the paper's postures on the paper's PUMA in the same robot time, in closed loop.
+
+    Compared is the standard deviation of each estimate over experiments that are simulated sample by sample, segmented
+    and identified, in the geometric mean over the parameters that all plans show.
+    """
+    arm = read_recipe(shipped_recipes()["puma560"])
+    seeds = range(PLANNED, PLANNED + options.experiments)
+    yield header("minutes", "plan", "runs", "predicted", "measured", "the paper's error over this")
+    for times in TIMES:
+        paper = table1.experiment(times)
+        minutes = duration(arm, paper) / 60.0
+        prior = through_logs(arm, table1.experiment(), 999)
+        plans = {
+            "the paper's experiment": paper,
+            "from the recipe alone": plan(arm, minutes=minutes, seed=0),
+            "`--prior`": plan(arm, minutes=minutes, seed=0, prior=prior),
+        }
+        spreads = {name: scatter(arm, motions, seeds, jobs=options.jobs) for name, motions in plans.items()}
+        names = sorted(set.intersection(*map(set, spreads.values())) - {UNSHOWN})
+        base = geometric_mean(spreads["the paper's experiment"], names)
+        for name, motions in plans.items():
+            predicted = [parameter for parameter in names if parameter in motions.expected]
+            promise = f"{geometric_mean(motions.expected, predicted):.5f}" if predicted else ""
+            mean = geometric_mean(spreads[name], names)
+            yield row(f"{minutes:.1f}", name, len(motions.motions), promise, f"{mean:.5f}", f"{base / mean:.2f}")
+        gains = {name: spreads["the paper's experiment"][name] / spreads["`--prior`"][name] for name in names}
+        ranked = sorted(names, key=lambda name: gains[name])
+        yield "gained: " + ", ".join(f"{name} {gains[name]:.2f}" for name in (*ranked[:5], *ranked[-5:]))
+
+
+def through_logs(arm: Robot, motions: Plan, seed: int) -> Estimate:
+    """One experiment on the robot of Table I, through its logs; held-out runs are not fitted."""
+    logs = simulate(arm, motions, truth=replace(table1.puma560(), robot=arm), seed=seed, rate=100.0)
+    dataset = segment(logs, arm)
+    heldout = [motion for motion in motions.motions if motion.purpose == "heldout"]
+    runs = []
+    for run in dataset.runs:
+        alike = (motion for motion in heldout if motion.joint == run.joint)
+        alike = (motion for motion in alike if abs(abs(run.speed) / motion.velocity - 1.0) < 0.05)
+        apart = (np.delete(run.posture - np.array(motion.hold), run.joint - 1) for motion in alike)
+        if not any(np.all(np.abs(distance) < 0.01) for distance in apart):
+            runs.append(run)
+    return identify(replace(dataset, runs=tuple(runs)), replace(arm, effects=()))
+
+
+def _values(arm: Robot, motions: Plan, seed: int) -> dict[str, float]:
+    return {value.name: value.value for value in through_logs(arm, motions, seed).values if value.value is not None}
+
+
+def scatter(arm: Robot, motions: Plan, seeds: Sequence[int], *, jobs: int) -> dict[str, float]:
+    """Standard deviation of every estimate over experiments; what any of them does not have is left out."""
+    count = len(seeds)
+    with ProcessPoolExecutor(jobs) as pool:
+        estimates = list(pool.map(_values, [arm] * count, [motions] * count, seeds))
+    names = set.intersection(*map(set, estimates))
+    return {name: float(np.std([values[name] for values in estimates], ddof=1)) for name in names}
+
+
+def geometric_mean(errors: dict[str, float], names: Sequence[str]) -> float:
+    """Of the errors of some parameters."""
+    return float(np.exp(np.mean([np.log(errors[name]) for name in names])))
+
+
+#: First seed of the clean experiments, and of those with a hidden effect; clean ones of the small arm and the PUMA.
+CLEAN, HIDDEN, SMALL, LARGE = 610_000, 620_000, 300, 30
+#: Levels at which p values of clean experiments are counted.
+QUANTILES = (LEVEL, 0.1, 0.25, 0.5, 0.9)
+#: Hidden effects: name, joint.
+EFFECTS = (("spring", 1), ("stribeck", 2), ("warmup", 1), ("ripple", 2))
+#: Experiments at the limit with the middle shape, at the limit with any shape, and at a third of it.
+AT_MIDDLE, AT_ANY, BELOW = 60, 40, 20
+#: Clean experiments whose limits are averaged.
+ANNOUNCED = 10
+
+
+def statistics(options: argparse.Namespace) -> Iterator[str]:
+    """False findings and p values on clean data, and hits at the announced detection limits."""
+    yield from clean()
+    yield from hits()
+
+
+def searching(truth: Truth, motions: Plan, seed: int) -> Stepwise:
+    """A search on one experiment, not yet run."""
+    runs = bench(truth, motions).runs(np.random.default_rng(seed))
+    return Stepwise(Model.of_runs(truth.robot, runs), runs, campaign=Campaign.of(runs))
+
+
+def p_values(step: Step) -> dict[tuple[str, int | None], float]:
+    """Family-wise p value of the best shape of each effect at each joint."""
+    scale = step.scan.solved.scale
+    seen = {key: minus_log10_p(best.statistic / scale, best.width) for key, best in step.scan.best().items()}
+    for joint, spectrum in step.scan.spectra.items():
+        seen["ripple", joint] = minus_log10_p(spectrum.statistic().max() / scale, 2)
+    return {key: step.family.p_value(key, float(value)) for key, value in seen.items()}
+
+
+def bonferroni(step: Step) -> float:
+    """p value of the best of the whole catalogue by chi-square, times as many as were tried."""
+    scale = step.scan.solved.scale
+    seen = [float(minus_log10_p(trial.statistic / scale, trial.width)) for trial in step.scan.trials]
+    for spectrum in step.scan.spectra.values():
+        seen += list(minus_log10_p(spectrum.statistic() / scale, 2))
+    return min(1.0, len(seen) * 10.0 ** -max(seen))
+
+
+def clean() -> Iterator[str]:
+    """What is called missing of arms that lack nothing, and how p values are spread."""
+    spread, smallest_of_all = [], []
+    yield header("design", "something called missing", "a joint unexplained", "chi-square")
+    for design in tuple(DESIGNS)[:3]:
+        missing, unexplained, smallest, theory = [], [], [], []
+        for truth, count in ((drawn("pendulum2", 31), SMALL), (table1.puma560(), LARGE)):
+            motions = designed(truth.robot, design, CLEAN)
+            for seed in range(CLEAN, CLEAN + count):
+                search = searching(truth, motions, seed)
+                search.run()
+                verdicts = DiagnosisBuilder(search).verdicts.values()
+                missing.append(bool(search.accepted))
+                unexplained.append(any(joint.verdict == UNEXPLAINED_JOINT for joint in verdicts))
+                smallest.append(min(p_values(search.steps[0]).values()))
+                theory.append(bonferroni(search.steps[0]) <= LEVEL)
+        yield row(design, interval(missing), interval(unexplained), interval(theory))
+        spread.append((design, smallest))
+        smallest_of_all += smallest
+    yield "\n" + header("design", *(f"p <= {level:g}" for level in QUANTILES))
+    for design, smallest in (*spread, ("all", smallest_of_all)):
+        yield row(design, *(interval(p <= level for p in smallest) for level in QUANTILES))
+
+
+def shapes_by_information(step: Step, name: str, joint: int) -> list[dict[str, float]]:
+    """Shapes that the limit of an effect is the median of, the least visible first."""
+    spectrum = step.scan.spectra.get(joint)
+    if name == "ripple" and spectrum is not None:
+        return [{"frequency": float(spectrum.frequency[k])} for k in np.argsort(spectrum.information)]
+    trials = [trial for trial in step.scan.trials if trial.added.key == (name, joint)]
+    return [dict(trial.added.shape) for trial in sorted(trials, key=lambda trial: float(trial.information[0, 0]))]
+
+
+def hiding(truth: Truth, name: str, joint: int, *, size: float, shape: dict[str, float], seed: int) -> Truth:
+    """The arm with the effect: a wave of any phase, the sign that the physics has, either where it has none."""
+    rng = np.random.default_rng([HIDDEN, seed])
+    if name == "ripple":
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        values = {"cos": size * float(np.cos(phase)), "sin": size * float(np.sin(phase))}
+    else:
+        signs = catalogue()[name].signs(shape) or (0,)
+        values = {"a": size * (signs[0] or float(rng.choice([-1.0, 1.0])))}
+    return replace(truth, hidden=(Hidden(name, joint, {**values, **shape}),))
+
+
+def hits() -> Iterator[str]:
+    """Beyond chance, and called missing by its name or as a rival, at and below the announced limit of an effect."""
+    truth = drawn("pendulum2", 31)
+    motions = designed(truth.robot, FULL, HIDDEN)
+    steps = [searching(truth, motions, HIDDEN + number).look([]) for number in range(ANNOUNCED)]
+    announced = [detection_limits(step.scan, step.family, periodic=catalogue()["ripple"]) for step in steps]
+    yield "\n" + header("effect", "limit", "beyond chance", "called missing", "of any shape", "at a third")
+    for place, (name, joint) in enumerate(EFFECTS):
+        sizes = [limits[name, joint].size for limits in announced]
+        limit = float(np.mean([size for size in sizes if size is not None]))
+        shapes, cells = shapes_by_information(steps[0], name, joint), []
+        for block, (count, share) in enumerate(((AT_MIDDLE, 1.0), (AT_ANY, 1.0), (BELOW, 1.0 / 3.0))):
+            beyond, named = [], []
+            first = HIDDEN + 1000 * (place + 1) + 100 * block
+            for seed in range(first, first + count):
+                pick = int(np.random.default_rng(seed).integers(len(shapes))) if block == 1 else len(shapes) // 2
+                arm = hiding(truth, name, joint, size=share * limit, shape=shapes[pick], seed=seed)
+                step = searching(arm, motions, seed).look([])
+                beyond.append(p_values(step).get((name, joint), 1.0) <= LEVEL)
+                rivals = [step.chosen, *step.chosen.rivals] if step.chosen is not None else []
+                named.append((name, joint) in [rival.key for rival in rivals])
+            cells += [interval(beyond)] if block == 0 else []
+            cells.append(interval(named))
+        yield row(f"{name}@{joint}", f"{limit:.4g} {announced[0][name, joint].unit}", *cells)
+
+
+TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, budget, planning, statistics)}
+
+
+def main() -> None:
+    """Print the tables of one trial as they come."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("trial", choices=TRIALS_BY_NAME)
+    parser.add_argument("-o", "--output", type=Path, help="where the figure of accuracy goes")
+    parser.add_argument("--experiments", type=int, default=40, help="of planning")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of planning")
+    options = parser.parse_args()
+    for line in TRIALS_BY_NAME[options.trial](options):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
