@@ -63,7 +63,8 @@ def coverage(
             for name, error in errors.items():
                 deviation = estimate.solution[estimate.names.index(name)] - known[name]
                 theirs.setdefault(name, []).append(abs(deviation) <= 1.96 * error)
-    return tuple({name: float(np.mean(hits)) for name, hits in found.items()} for found in (ours, theirs))
+    shares = [{name: float(np.mean(hits)) for name, hits in found.items()} for found in (ours, theirs)]
+    return shares[0], shares[1]
 
 
 def bound(truth: Truth, plan: Plan, rate: float) -> tuple[list[str], np.ndarray, np.ndarray]:
@@ -87,13 +88,14 @@ def bound(truth: Truth, plan: Plan, rate: float) -> tuple[list[str], np.ndarray,
 def losses(truth: Truth, plan: Plan, *, rate: float = 50.0) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, and RMS error over the bound of the joint fit and of the recursion, noise being white."""
     bench, (names, exact, least) = Bench(truth, plan, rate=rate), bound(truth, plan, rate)
-    joint, first = [], []
+    errors: dict[str, list[np.ndarray]] = {"joint": [], "first": []}
     for seed in range(COMPARED):
         runs = bench.runs(np.random.default_rng(SEEDS + seed))
         fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
-        for kept, solution in ((joint, fitted.solution), (first, fitted.first.solution)):
-            kept.append(np.append(solution.values, solution.gains.ratios) - exact)
-    joint_loss, first_loss = (np.sqrt(np.mean(np.square(kept), axis=0)) / least for kept in (joint, first))
+        assert fitted.first is not None
+        for name, solution in (("joint", fitted.solution), ("first", fitted.first.solution)):
+            errors[name].append(np.append(solution.values, solution.gains.ratios) - exact)
+    joint_loss, first_loss = (np.sqrt(np.mean(np.square(of_method), axis=0)) / least for of_method in errors.values())
     return names, joint_loss, first_loss
 
 

@@ -1,7 +1,6 @@
 """Repeat experiments on virtual arms and print the tables that the documents state.
 
     python tools/trials.py accuracy [-o FIGURE.png]     docs/validation.md; five minutes
-    python tools/trials.py budget                       docs/diagnosis.md; a quarter of an hour
     python tools/trials.py planning [--experiments 40]  docs/planning.md
     python tools/trials.py statistics                   docs/statistics.md; ten minutes
 
@@ -14,7 +13,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -29,8 +27,8 @@ import numpy as np
 from blind_world.tables import header, interval, row
 from experiments import coverage, logged, losses
 
-from pumaid import compare, identify, segment, simulate
-from pumaid.dataset import Campaign, Dataset, FileFacts
+from pumaid import identify, segment, simulate
+from pumaid.dataset import Campaign
 from pumaid.design.plan import plan
 from pumaid.diagnosis.detection_limit import detection_limits
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
@@ -38,9 +36,7 @@ from pumaid.diagnosis.records import UNEXPLAINED_JOINT
 from pumaid.diagnosis.score_test import minus_log10_p
 from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effects import catalogue
-from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
-from pumaid.estimation.evaluate import Budget
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.robot import Robot
@@ -53,7 +49,6 @@ DESIGNS: dict[str, tuple[int, Sequence[float], Sequence[int], int]] = {
     "4 postures, 4 speeds, both ways, twice": (4, (0.2, 0.4, 0.8, 1.2), (1, -1), 2),
     "the same, once": (4, (0.2, 0.4, 0.8, 1.2), (1, -1), 1),
     "2 postures, 2 speeds, both ways, twice": (2, (0.3, 0.9), (1, -1), 2),
-    "4 postures, 4 speeds, one way, twice": (4, (0.2, 0.4, 0.8, 1.2), (1,), 2),
 }
 FULL = next(iter(DESIGNS))
 
@@ -138,89 +133,6 @@ def coverage_figure(clustered: dict[str, float], white: dict[str, float], path: 
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(loc="center right", bbox_to_anchor=(1.0, 0.6), frameon=False, fontsize=8)
     fig.savefig(path, dpi=150)
-
-
-#: First seeds without and with a hidden effect; experiments on each arm of each design, and of each hidden effect.
-NOISE_ONLY, WITH_EFFECT, REPEATS, TRIALS = 970_000, 980_000, 12, 2
-#: What a hidden effect leaves of the model, as a multiple of the noise; below VISIBLE of it an effect is not seen.
-SIZE, VISIBLE = 0.5, 1e-4
-#: Effect -> where its trace may stand: part and variable; and values of it that are no sizes. A link that sags is left
-#: out: simulating it would take longer than all others together.
-TRACES: dict[str, tuple[tuple[tuple[str, str], ...], dict[str, float]]] = {
-    "stribeck": ((("odd", "speed"),), {}),
-    "load_friction": ((("odd", "load"), ("smooth", "direction")), {}),
-    "position_friction": ((("smooth", "direction"),), {}),
-    "presliding": ((("start", "travel"),), {}),
-    "spring": ((("smooth", "position"), ("smooth", "posture")), {}),
-    "counterbalance": ((("smooth", "position"), ("smooth", "posture")), {}),
-    "ripple": ((("fast", "position"),), {}),
-    "warmup": ((("time", "time"),), {"time_constant": 1500.0}),
-    "friction_step": ((("time", "time"),), {"time": 1500.0}),
-    "torque_constant_drift": ((("time", "load"), ("time", "time")), {"time_constant": 1500.0}),
-    "tilt": ((("smooth", "posture"), ("even", "posture"), ("smooth", "position")), {}),
-}
-#: Values of a hidden effect that its size multiplies; the others are shapes.
-AMPLITUDES = ("a", "b", "cos", "sin", "drive", "back", "x", "y", "c")
-
-
-def budgets(truth: Truth, motions: Plan, seed: int) -> dict[int, Budget]:
-    """Residual budget of every joint of the model that is fitted to one experiment."""
-    runs = bench(truth, motions).runs(np.random.default_rng(seed))
-    dataset = Dataset(runs, (), (FileFacts("bench", "ab" * 32, 1, 0.01, 0.0, 1.0),))
-    comparison = compare(identify(dataset, truth.robot), dataset, truth.robot)
-    return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
-
-
-def budget(options: argparse.Namespace) -> Iterator[str]:
-    """False alarms where all is noise, and to which part the error of a hidden effect is assigned."""
-    arms = [table1.puma560(), drawn("ur3e", 21), drawn("stanford", 22)]
-    yield header("design", "joints with a significant part though nothing is missing")
-    for design in DESIGNS:
-        flagged = []
-        for truth in arms:
-            for seed in range(NOISE_ONLY, NOISE_ONLY + REPEATS):
-                joints = budgets(truth, designed(truth.robot, design, seed), seed).values()
-                flagged += [any(part.is_more for part in joint.parts) for joint in joints]
-        yield row(design, interval(flagged))
-    yield "\n" + header("effect", f"largest part, at {SIZE} x noise", "of its error in significant parts")
-    for effect in TRACES:
-        verdicts, shares = Counter[str](), []
-        for place, truth in enumerate(arms):
-            for seed in range(WITH_EFFECT + 100 * place, WITH_EFFECT + 100 * place + TRIALS):
-                hidden = with_effect(truth, effect, seed)
-                if hidden is not None:
-                    arm, joint = hidden
-                    split = budgets(arm, designed(truth.robot, FULL, seed), seed)[joint]
-                    verdicts[assigned(split, effect)] += 1
-                    shares.append((split.mean_square - split.noise) / (SIZE * truth.noise.std[joint - 1]) ** 2)
-        counts = ", ".join(f"{verdicts[word]} {word}" for word in sorted(verdicts))
-        yield row(effect, counts, f"{100.0 * np.median(shares):.0f} %")
-
-
-def with_effect(truth: Truth, effect: str, seed: int) -> tuple[Truth, int] | None:
-    """The arm with an effect that leaves SIZE times the noise of the joint that shows it most; none if it cannot."""
-    joint = int(np.random.default_rng(seed).integers(1, truth.robot.n_joints + 1))
-    motions, where = designed(truth.robot, FULL, seed), None if effect == "tilt" else joint
-    try:
-        (bare,) = truth.hiding([Hidden(effect, where, TRACES[effect][1])]).hidden
-    except PumaidError:
-        return None
-    quiet = budgets(replace(truth.with_noise(0.0), hidden=(bare,)), motions, seed)
-    ratios = {number: split.mean_square**0.5 / truth.noise.std[number - 1] for number, split in quiet.items()}
-    shown = max(ratios, key=lambda number: ratios[number]) if where is None else joint
-    if ratios[shown] <= VISIBLE:
-        return None
-    scale = SIZE / ratios[shown]
-    values = {key: value * (scale if key in AMPLITUDES else 1.0) for key, value in bare.values.items()}
-    return replace(truth, hidden=(Hidden(effect, where, values),)), shown
-
-
-def assigned(split: Budget, effect: str) -> str:
-    """``right``: the largest part is the effect's; ``other``: it is not, ``open``: it has no name; ``silent``."""
-    parts = sorted((part for part in split.parts if part.is_more), key=lambda part: -part.mean_square)
-    if not parts or parts[0].name == "unassigned":
-        return "open" if parts else "silent"
-    return "right" if any((parts[0].name, variable) in TRACES[effect][0] for variable in parts[0].against) else "other"
 
 
 #: How often the paper's experiment is made: its time is that of the plans; first seed of the experiments.
@@ -339,7 +251,7 @@ def clean() -> Iterator[str]:
     """What is called missing of arms that lack nothing, and how p values are spread."""
     spread, smallest_of_all = [], []
     yield header("design", "something called missing", "a joint unexplained", "chi-square")
-    for design in tuple(DESIGNS)[:3]:
+    for design in DESIGNS:
         missing, unexplained, smallest, theory = [], [], [], []
         for truth, count in ((drawn("pendulum2", 31), SMALL), (table1.puma560(), LARGE)):
             motions = designed(truth.robot, design, CLEAN)
@@ -406,7 +318,7 @@ def hits() -> Iterator[str]:
         yield row(f"{name}@{joint}", f"{limit:.4g} {announced[0][name, joint].unit}", *cells)
 
 
-TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, budget, planning, statistics)}
+TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, planning, statistics)}
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ def judged(arm: Path, path: str, data: bytes) -> str:
         place.write_bytes(kept)
 
 
-@settings(SEEDED, max_examples=50)
+@settings(SEEDED, max_examples=25)
 @given(EDITS)
 def test_edits_of_a_recipe(arm, edits):
     """Pieces of a recipe taken out and put in; what is left may be a good recipe, of an arm with other frames."""
@@ -46,14 +46,14 @@ def test_edits_of_a_recipe(arm, edits):
     assert found in FINE or found.startswith("silently wrong")
 
 
-@settings(SEEDED, max_examples=25)
+@settings(SEEDED, max_examples=15)
 @given(EDITS)
 def test_edits_of_a_csv_log(arm, edits):
     """Pieces of a CSV log taken out and put in."""
     assert judged(arm, "logs/log_1.csv", edited(csv(good()[0]).encode(), edits)) in FINE
 
 
-@settings(SEEDED, max_examples=40)
+@settings(SEEDED, max_examples=20)
 @given(st.lists(st.tuples(st.floats(0.0, 0.9999), st.integers(1, 255)), min_size=1, max_size=4))
 def test_flipped_bits_of_a_parquet_log(arm, flips):
     """Bits of a Parquet log flipped, anywhere; the file carries checksums of its pages."""
@@ -77,7 +77,7 @@ def sealed() -> bytes:
     return held.getvalue()
 
 
-@settings(SEEDED, max_examples=15)
+@settings(SEEDED, max_examples=10)
 @given(st.integers(0, 3662), st.integers(1, 200), st.sampled_from(COLUMNS), st.floats(allow_nan=True, width=32))
 def test_cells_of_any_value(arm, row, count, column, value):
     """Any number, also none and infinity, in up to 200 bins of a column."""
@@ -86,7 +86,7 @@ def test_cells_of_any_value(arm, row, count, column, value):
     assert judged(arm, "logs/log_1.csv", csv(table).encode()) in FINE
 
 
-@settings(SEEDED, max_examples=40)
+@settings(SEEDED, max_examples=20)
 @given(st.binary(max_size=2000), st.sampled_from(["logs/log_1.csv", "recipe.yaml"]))
 def test_any_bytes_at_all(arm, data, path):
     """Bytes that were never a log or a recipe."""

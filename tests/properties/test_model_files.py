@@ -48,31 +48,29 @@ def spoilt(document: object, data: st.DataObject) -> object:
     return copy
 
 
-@settings(
-    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+def read_or_refused(path, content: bytes) -> None:
+    """Reading a file with this content gives an estimate, or a refusal with a slug."""
+    path.write_bytes(content)
+    try:
+        assert isinstance(read_model(path), Estimate)
+    except PumaidError as refusal:
+        assert refusal.slug.startswith("model-")
+
+
+SEEDED = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@settings(SEEDED, max_examples=150)
 @given(data=st.data())
 def test_spoilt_files_are_read_or_refused(tmp_path, data):
-    """A model file with one entry changed to anything is read, or refused with a slug."""
-    path = tmp_path / "model.json"
-    path.write_text(json.dumps(spoilt(model_document(ESTIMATE), data)), encoding="utf-8")
-    try:
-        assert isinstance(read_model(path), Estimate)
-    except PumaidError as refusal:
-        assert refusal.slug.startswith("model-")
+    """A model file with one entry changed to anything."""
+    read_or_refused(tmp_path / "model.json", json.dumps(spoilt(model_document(ESTIMATE), data)).encode())
 
 
-@settings(
-    max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(SEEDED, max_examples=100)
 @given(place=st.integers(min_value=0), byte=st.binary(min_size=1, max_size=3))
 def test_spoilt_bytes_are_read_or_refused(tmp_path, place, byte):
-    """A model file with a few bytes overwritten is read, or refused with a slug."""
+    """A model file with a few bytes overwritten."""
     content = as_text(model_document(ESTIMATE)).encode()
     at = place % len(content)
-    path = tmp_path / "model.json"
-    path.write_bytes(content[:at] + byte + content[at + len(byte) :])
-    try:
-        assert isinstance(read_model(path), Estimate)
-    except PumaidError as refusal:
-        assert refusal.slug.startswith("model-")
+    read_or_refused(tmp_path / "model.json", content[:at] + byte + content[at + len(byte) :])

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+import make_docs
+import readme_commands
+
 ROOT = Path(__file__).parents[2]
+
 SOURCES = sorted((ROOT / "pumaid").rglob("*.py"))
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -24,27 +27,15 @@ SHARE = 0.02
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-@cache
-def tool(name: str) -> ModuleType:
-    """A program of tools/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_commands_page_is_current():
-    """docs/commands.md is what the commands' help says now."""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tools" / "make_docs.py"), "--check"], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+def test_generated_pages_are_current():
+    """docs/commands.md and docs/effects.md are what the program says now."""
+    assert make_docs.COMMANDS.read_text(encoding="utf-8") == make_docs.commands_page()
+    assert make_docs.EFFECTS.read_text(encoding="utf-8") == make_docs.effects_page()
 
 
 def test_readme_prints_two_commands():
     """Set-up takes two lines, each with a virtual environment of its own making."""
-    commands = tool("readme_commands").setup_commands(README)
+    commands = readme_commands.setup_commands(README)
     assert len(commands) == 2
     assert all(command.startswith("python3 -m venv .venv && .venv/bin/pip install ") for command in commands)
 
@@ -52,7 +43,7 @@ def test_readme_prints_two_commands():
 @pytest.mark.skipif("```console" not in README, reason="the README shows no session")
 def test_readme_sessions_print_what_they_say():
     """Every command of the README's tour prints what stands below it; numbers within 2 %."""
-    old, new = (words(block) for block in (README, tool("make_docs").run_sessions(README)))
+    old, new = (words(block) for block in (README, make_docs.run_sessions(README)))
     assert [word for word, _ in old] == [word for word, _ in new]
     numbers = [
         (a, b) for (_, before), (_, after) in zip(old, new, strict=True) for a, b in zip(before, after, strict=True)
@@ -112,23 +103,21 @@ def test_every_slug_is_explained():
 
 
 def test_every_explained_slug_exists():
-    """docs/messages.md explains nothing that the program no longer says."""
+    """docs/messages.md explains nothing that the program no longer says, and each with a paragraph."""
     text = "".join(path.read_text(encoding="utf-8") for path in SOURCES)
     told = re.findall(r"^## (.+)$", MESSAGES, re.MULTILINE)
     assert [slug for slug in told if f'"{slug}"' not in text] == []
     assert len(told) == len(set(told))
-
-
-def test_every_message_has_a_paragraph():
-    """Each heading is followed by an explanation."""
     parts = re.split(r"^## .+$", MESSAGES, flags=re.MULTILINE)[1:]
     assert [part for part in parts if len(part.split()) < 8] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
-    """Each link to a file of the project finds it."""
-    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    """Each link to a file of the project finds it; no line ends in blanks."""
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"[ \t]$", text, re.MULTILINE)
+    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text)
     local = [link for link in links if not link.startswith(("http:", "https:", "mailto:"))]
     assert [link for link in local if not (page.parent / link).exists()] == []
 
@@ -144,9 +133,3 @@ def test_readme_explains_exit_codes():
     """The five exit codes that other programs rely on are in the README."""
     section = README.partition("## Exit codes")[2].split("\n## ")[0]
     assert [code for code in range(5) if f"| {code} |" not in section] == []
-
-
-def test_prose_has_no_trailing_blanks():
-    """Documents are clean text."""
-    stray = {p.name: [n for n, line in enumerate(p.read_text().split("\n"), 1) if line != line.rstrip()] for p in PAGES}
-    assert {name: lines for name, lines in stray.items() if lines} == {}
