@@ -182,16 +182,7 @@ def write(folder: Path, rows: Rows, truth: Truth) -> None:
 
 
 def mdh_table(robot: Robot) -> str:
-    """The arm's geometry as aurt's file: alpha and a of a row are those after its joint, not before it.
-
-    Raises
-    ------
-    ValueError
-        The first joint has an alpha or a, or a joint an offset or a slide, for which that file has no place.
-    """
-    first = robot.joints[0]
-    if first.alpha or first.a or any(joint.theta or not joint.is_revolute for joint in robot.joints):
-        raise ValueError(f"{robot.name} has no place in aurt's table")
+    """The arm's geometry as aurt's file: alpha and a of a row are those after its joint, not before it."""
     right = {0.0: "0", 90.0: "pi/2", -90.0: "-pi/2"}
     after = [(joint.a, right[round(joint.alpha / factor("deg"), 9)]) for joint in robot.joints[1:]] + [(0.0, "0")]
     rows = [f"{joint.d},{a},{alpha}" for joint, (a, alpha) in zip(robot.joints, after, strict=True)]
@@ -200,7 +191,7 @@ def mdh_table(robot: Robot) -> str:
 
 def mujoco_model(truth: Truth) -> str:
     """MJCF of the arm as a user might know it: masses a tenth too large, centres off by 2 cm, friction half."""
-    assert truth.links is not None and truth.gain is not None
+    assert truth.links is not None
     links = replace(truth.links, mass=1.1 * truth.links.mass, centre=truth.links.centre + 0.02)
     told = truth.friction
     friction = Friction(0.5 * told.coulomb_plus, 0.5 * told.coulomb_minus, told.viscous_plus, told.viscous_minus)

@@ -328,11 +328,39 @@ def heavy_command(path: Path) -> list[str]:
     return lacking + [name for name in top if not name.startswith(light)]
 
 
+def running(path: Path) -> list[object]:
+    """Imports and calls that could run what was read, and YAML readers that build objects.
+
+    Formulas of effects are code of the package, or of a file of effects that the user names; no data becomes one.
+    """
+    modules = (
+        "pickle",
+        "cPickle",
+        "dill",
+        "cloudpickle",
+        "joblib",
+        "marshal",
+        "shelve",
+        "code",
+        "codeop",
+        "jsonpickle",
+    )
+    names = ("eval", "exec", "compile", "__import__", "os.system", "os.popen", "pd.read_pickle", "yaml.unsafe_load")
+    unsafe = [name for name in imports(path) if name.split(".")[0] in modules]
+    unsafe += [call for call in calls(path) if call[0] in names]
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.keyword) and node.arg in ("allow_pickle", "shell"):
+            unsafe += [node.arg] if getattr(node.value, "value", True) is not False else []
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("YAML"):
+            unsafe += [] if re.search(r"typ='(safe|rt)'", ast.unparse(node)) else ["YAML"]
+    return unsafe if path.name != "formula.py" else []
+
+
 @pytest.mark.parametrize(
     "rule",
     [
         *(upward, too_long, beyond_a_screen, crowded, undocumented, misnamed, loud, broad, hidden_sources, turning),
-        heavy_command,
+        *(heavy_command, running),
     ],
     ids=lambda rule: rule.__name__,
 )
