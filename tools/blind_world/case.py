@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -72,7 +73,6 @@ class Experiment:
     world: World
     oracle: Oracle
     hidden: tuple[tuple[Hidden, float], ...]  # each effect with its amplitude
-    noncentrality: tuple[float, ...]  # reached by each effect alone
     state: State  # true currents and positions
     noise: np.ndarray[Any, np.dtype[np.float64]]  # (N, J) A to be added
 
@@ -95,40 +95,26 @@ def cases(seeds: Sequence[int], kinds: Sequence[str] = tuple(KINDS), clean: int 
 
 
 def drawn(case: Case) -> Experiment:
-    """The case as an experiment.
-
-    Raises
-    ------
-    Unfit
-        The effect cannot be seen at a physical size on this arm; the message has every joint's reason.
-    """
+    """The case as an experiment, or `Unfit`, with every joint's reason, where an effect cannot be seen."""
     own = zlib.crc32(case.key.encode())
     rng = np.random.default_rng([case.seed, own])
     arm, campaign, motion = motion_of(case.kind, case.seed * ARMS + own % ARMS, is_thin=case.is_thin)
     world = draw_world(arm, campaign, motion, rng=rng)
     if "thermal_friction" in case.effects:
         world = replace(world, has_temperature=True)
-    oracle, hidden, reached = Oracle(world), [], []
-    for name in case.effects:
-        found, size = _sized(case, name, world, oracle, rng)
-        hidden.append(found)
-        reached.append(size)
-    state = applied(world, hidden)
-    return Experiment(case, world, oracle, tuple(hidden), tuple(reached), state, noises(world, rng))
+    oracle = Oracle(world)
+    hidden = tuple(_sized(case, name, world, oracle, rng) for name in case.effects)
+    return Experiment(case, world, oracle, hidden, applied(world, hidden), noises(world, rng))
 
 
-def _sized(
-    case: Case, name: str, world: World, oracle: Oracle, rng: np.random.Generator
-) -> tuple[tuple[Hidden, float], float]:
-    build = {**CATALOGUE, **OUTSIDE}[name]
-    reasons: dict[str, int] = {}
+def _sized(case: Case, name: str, world: World, oracle: Oracle, rng: np.random.Generator) -> tuple[Hidden, float]:
+    build, reasons = {**CATALOGUE, **OUTSIDE}[name], Counter[str]()
     for joint in _joints(name, world.arm, rng):
         try:
             hidden = build(world, rng, joint)
-            amplitude, reached = sized(world, oracle, hidden, case.size)
-            return (hidden, amplitude), reached
+            return hidden, sized(world, oracle, hidden, case.size)[0]
         except Unfit as why:
-            reasons[str(why)] = reasons.get(str(why), 0) + 1
+            reasons[str(why)] += 1
     raise Unfit("; ".join(f"{why} ({count})" for why, count in sorted(reasons.items())))
 
 
