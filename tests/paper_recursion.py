@@ -7,8 +7,6 @@ to origin i+1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -19,68 +17,29 @@ from pumaid.simulation.virtual_robot import Constants
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Geometry:
-    """What the recursion needs of N postures: gravity in every link's frame, turns between frames, displacements d.
-
-    `gravity` (N, J, 3) m/s2; `turns` J arrays (N, 3, 3), from frame i into frame i-1; `displacements` (N, J) m.
-    """
-
-    gravity: Floats
-    turns: tuple[Floats, ...]
-    displacements: Floats
-
-    @classmethod
-    def of(cls, robot: Robot, position: Floats) -> Geometry:
-        """At `position` (N, J), rad or m."""
-        turns = []
-        for joint, q in zip(robot.joints, position.T, strict=True):
-            angle = joint.theta + (q if joint.is_revolute else 0.0 * q)
-            twist = Rotation.from_euler("x", joint.alpha)
-            turns.append((twist * Rotation.from_euler("z", angle[:, None])).as_matrix())
-        here = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(position), 3))
-        gravity = []
-        for turn in turns:
-            here = np.einsum("nab,na->nb", turn, here)
-            gravity.append(here)
-        return cls(np.stack(gravity, axis=1), tuple(turns), robot.displacements(position))
-
-
 def gravity_current(robot: Robot, known: Constants, position: Floats) -> Floats:
-    """Current that carries the weight, by (11) and (23)-(25), from the tip inward.
-
-    Parameters
-    ----------
-    robot
-        J joints.
-    known
-        Constants and neighbour ratios.
-    position
-        (N, J) measured positions, rad or m.
-
-    Returns
-    -------
-    current
-        (N, J) A.
-    """
-    return carried(robot, known, Geometry.of(robot, position))
-
-
-def carried(robot: Robot, known: Constants, geometry: Geometry) -> Floats:
-    """`gravity_current` where the geometry is known already: (N, J) A."""
-    gravity, n = geometry.gravity, robot.n_joints
-    current, varying = np.zeros(gravity.shape[:2]), np.zeros((len(gravity), 3))
+    """(N, J) A that carry the weight at `position` (N, J; rad or m), by (11) and (23)-(25), from the tip inward."""
+    turns, gravity, n = [], [], robot.n_joints  # turns from frame i into frame i-1; gravity in every link's frame
+    felt = np.broadcast_to(np.asarray(robot.gravity, dtype=float), (len(position), 3))
+    for joint, q in zip(robot.joints, position.T, strict=True):
+        angle = joint.theta + (q if joint.is_revolute else 0.0 * q)
+        twist = Rotation.from_euler("x", joint.alpha)
+        turns.append((twist * Rotation.from_euler("z", angle[:, None])).as_matrix())
+        felt = np.einsum("nab,na->nb", turns[-1], felt)
+        gravity.append(felt)
+    displacements = robot.displacements(position)
+    current, varying = np.zeros(position.shape), np.zeros((len(position), 3))
     for i in range(n - 1, -1, -1):
         # varying holds l*_i = eta_{i+1} l_i here, so that (eta_i / eta_{i+1}) l*_i is in amperes of joint i.
         ratio = known.ratio[i] if i < n - 1 else 0.0
         if robot.joints[i].is_revolute:
-            across = np.column_stack([-gravity[:, i, 1], gravity[:, i, 0]])
+            across = np.column_stack([-gravity[i][:, 1], gravity[i][:, 0]])
             nu = np.sum(across * varying[:, :2], axis=1)
             current[:, i] = across @ np.array([known.x[i], known.y[i]]) + ratio * nu
             seen = ratio * varying + np.array([known.x[i], known.y[i], 0.0])
         else:
-            current[:, i] = -gravity[:, i, 2] * known.mass[i]
+            current[:, i] = -gravity[i][:, 2] * known.mass[i]
             seen = ratio * varying
-            seen[:, 2] += known.mass[i] * geometry.displacements[:, i]
-        varying = np.einsum("nab,nb->na", geometry.turns[i], seen)
+            seen[:, 2] += known.mass[i] * displacements[:, i]
+        varying = np.einsum("nab,nb->na", turns[i], seen)
     return current

@@ -113,17 +113,7 @@ def tx40(place: Path) -> Path:
 
 
 def run(place: Path, command: str, *words: str) -> tuple[int, Any, str]:
-    """Exit code, JSON document and standard error of a command on an experiment folder.
-
-    Parameters
-    ----------
-    place
-        The folder.
-    command
-        ``identify``, ``diagnose`` ...
-    words
-        Further arguments; the recipe, the logs and the model are given.
-    """
+    """Exit code, JSON document and standard error of a command on a folder's recipe, logs and model; `words` more."""
     model = [str(place / "results" / "model.json")] if command in ("compare", "diagnose") else []
     reads_logs = command != "history"
     logs = [str(place / "logs"), "--recipe", str(place / "recipe.yaml")] if reads_logs else []
@@ -144,15 +134,7 @@ def combination(model: dict[str, Any], text: str) -> dict[str, Any]:
 
 
 def ladder(place: Path, heldout: Sequence[Path] = ()) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """The error ladder after ``diagnose --apply``, and the diagnosis of the base model.
-
-    Parameters
-    ----------
-    place
-        Experiment folder without results.
-    heldout
-        Files among its logs that are kept for judging.
-    """
+    """The error ladder after ``diagnose --apply``, and the diagnosis of the base model; `heldout` logs are judged."""
     judged = [word for file in heldout for word in ("--heldout", str(file))]
     run(place, "identify", *judged)
     _, first, _ = run(place, "diagnose", *judged, "-o", str(place / "first.json"))

@@ -60,12 +60,7 @@ def sized(world: World, oracle: Oracle, hidden: Hidden, multiple: float) -> tupl
     """The amplitude at `multiple` of the detection limit, and the noncentrality there.
 
     At a multiple m the visible part's noncentrality is m^2 times that of the limit, so that the multiple scales the
-    signature's visible size also where it is not linear in the amplitude.
-
-    Raises
-    ------
-    Unfit
-        That is more than is physical.
+    signature's visible size also where it is not linear in the amplitude. `Unfit` where that is more than is physical.
     """
     wanted = multiple**2 * threshold(hidden.freedoms)
     x = np.log(0.3 * hidden.largest)

@@ -41,13 +41,7 @@ def threshold(freedoms: int) -> float:
 
 
 class Oracle:
-    """The base model's whitened normal equations for one world.
-
-    Attributes
-    ----------
-    joints
-        By joint (from 0): rows of its fitted runs.
-    """
+    """The base model's whitened normal equations for one world; `joints`: rows of each joint's fitted runs."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -112,17 +106,8 @@ class Oracle:
     def fit(self, measured: Floats, effects: list[Floats], start: Floats) -> tuple[Floats, Floats]:
         """Weighted fit of the base model and of known signatures to `measured`.
 
-        Parameters
-        ----------
-        measured, start
-            (N, J) A, and currents of the true base model about which it is linearised.
-        effects
-            (N, J) A each: signatures with one free amplitude each.
-
-        Returns
-        -------
-        values, amplitudes
-            Changes of the base parameters, and amplitudes (1 where the signature is as it was hidden).
+        All are (N, J) A; `start` are the currents of the true base model, about which it is linearised. Returns changes
+        of the base parameters, and an amplitude of each signature (1 where it is as it was hidden).
         """
         p = len(self.scale)
         gram, right = np.zeros((p + len(effects),) * 2), np.zeros(p + len(effects))
