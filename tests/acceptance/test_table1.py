@@ -9,7 +9,7 @@ from experiments import logged
 from pumaid.simulation import table1
 
 #: Not used in development.
-SEEDS = range(900, 915)
+SEEDS = range(900, 910)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def estimates(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
-    """Of all 95 % intervals of 15 experiments 93-97.5 % hold the value of the table (some 37 values each).
+    """Of all 95 % intervals of 10 experiments 93-97.5 % hold the value of the table (some 37 values each).
 
     Inertia has no row in the table.
     """
@@ -31,7 +31,7 @@ def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
         for value in estimate.values
         if value.ci95 is not None and value.name in known
     ]
-    assert len(hits) > 500
+    assert len(hits) > 350
     assert 0.93 <= np.mean(hits) <= 0.975
 
 
