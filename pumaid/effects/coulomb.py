@@ -1,7 +1,5 @@
 """Coulomb friction: a constant current against the motion, its own in each direction."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

@@ -1,7 +1,5 @@
 """Position and current that are not stamped at the same instant."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

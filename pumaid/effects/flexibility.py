@@ -1,7 +1,5 @@
 """A drive that gives way under the load, so that the link hangs lower than its sensor says."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
 
 

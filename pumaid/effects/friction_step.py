@@ -1,7 +1,5 @@
 """A friction that changed at one instant: a brake that drags, a bolt that was tightened, grease that was renewed."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
 
 

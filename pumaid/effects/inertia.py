@@ -1,7 +1,5 @@
 """Inertia: the current that accelerates the moving joint."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
 
 

@@ -1,7 +1,5 @@
 """Friction of bearings under the moment that bends across the axis."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

@@ -1,7 +1,5 @@
 """A spring at the joint: hoses, cables, a torsion bar."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

@@ -1,7 +1,5 @@
 """Friction that follows a measured temperature."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

@@ -1,7 +1,5 @@
 """A torque constant that changes as the motor's magnets warm."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
 
 

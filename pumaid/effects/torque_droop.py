@@ -1,7 +1,5 @@
 """A motor that gives less torque per ampere at high current."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

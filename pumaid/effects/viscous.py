@@ -1,7 +1,5 @@
 """Viscous friction: a current proportional to velocity, its own in each direction."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace
 
 

@@ -1,7 +1,5 @@
 """Warm-up: friction that fades as the joint runs itself warm."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
 
 

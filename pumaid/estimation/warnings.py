@@ -32,9 +32,8 @@ FAR = 2.0
 #: Share of a joint's current (RMS) that a misfit must be besides, and beyond which it is one whatever the noise: what
 #: runs leave by themselves is much too where something is wrong with their samples.
 SEEN, MOST = 1e-3, 0.5
-#: A file is an outlier if its RMSE under a fit to the others exceeds theirs by the factor `DISOWNED`, or falls by
-#: `BETTER` under a fit to itself; either fit needs so many runs of the joint.
-FEWEST, BETTER, DISOWNED = 8, 2.0, 4.0
+#: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs.
+FEWEST, DISOWNED = 8, 4.0
 #: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
 #: share of the runs that may be: more are another matter.
 ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
@@ -122,37 +121,30 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
 
 
 def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
-    """The file with the largest error under a fit to all other runs, else that which a fit of its own helps most."""
-    origins, bins = np.array([run.origin for run in row.bins.runs]), row.bins
-    disowned, corrected = list[tuple[float, str, str]](), list[tuple[float, str, str]]()
+    """The file with the largest error under a fit to all other runs, and what shows it."""
+    origins, bins, suspects = np.array([run.origin for run in row.bins.runs]), row.bins, list[tuple[float, str, str]]()
 
-    def rmse(judged: NDArray[np.bool_], fitted: NDArray[np.bool_] | None = None) -> float:
+    def rmse(judged: NDArray[np.bool_], fitted: NDArray[np.bool_]) -> float:
         """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out."""
-        source, target = bins.run[:0] if fitted is None else np.flatnonzero(fitted[bins.run]), judged[bins.run]
-        weight, residual = np.sqrt(bins.count[source])[:, None], row.misfit[target]
-        if len(source):
-            table = weight * np.column_stack([design[source], row.misfit[source]])
-            residual = residual - design[target] @ np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RCOND)[0]
+        source, target = fitted[bins.run], judged[bins.run]
+        table = np.sqrt(bins.count[source])[:, None] * np.column_stack([design[source], row.misfit[source]])
+        correction = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RCOND)[0]
+        residual = row.misfit[target] - design[target] @ correction
         return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
-    def in_halves(runs: NDArray[np.bool_]) -> float:
-        """RMSE (A) of some runs by corrections from one half, judged on the other, so that noise gains nothing."""
-        # Neighbouring runs go to and fro: pairs of them keep both directions in each half.
-        first = runs & np.isin(np.cumsum(runs) % 4, (0, 1))
-        return float(np.hypot(rmse(first, runs & ~first), rmse(runs & ~first, first)) / np.sqrt(2.0))
-
     for name in dict.fromkeys(origins.tolist()):
-        inside = origins == name
-        if np.count_nonzero(~inside) >= FEWEST:
-            rest, missed = in_halves(~inside), rmse(inside, ~inside)
-            why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(rest)} A"
-            disowned += [(missed / rest, name, why)] if missed > DISOWNED * rest else []
-        if not inside.all() and np.count_nonzero(inside) >= FEWEST:
-            before, after = rmse(inside), in_halves(inside)
-            why = f"its runs have {number(before)} A RMS under the common fit and {number(after)} A under one to them"
-            corrected += [(before / after, name, why)] if before > BETTER * after else []
-    worst = max(disowned or corrected, default=None)
-    return (None, "") if worst is None else worst[1:]
+        rest = origins != name
+        if np.count_nonzero(rest) < FEWEST:
+            continue
+        # The rest is judged by halves, each by a fit to the other, so that noise gains nothing; neighbouring runs go to
+        # and fro, and pairs of them keep both directions in each half.
+        first = rest & np.isin(np.cumsum(rest) % 4, (0, 1))
+        second = rest & ~first
+        usual = float(np.hypot(rmse(first, second), rmse(second, first)) / np.sqrt(2.0))
+        missed = rmse(~rest, rest)
+        why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(usual)} A"
+        suspects += [(missed / usual, name, why)] if missed > DISOWNED * usual else []
+    return max(suspects, default=(0.0, None, ""))[1:]
 
 
 def of_runs(fitted: Fit) -> list[Note]:

@@ -12,14 +12,6 @@ ROWS, TARGET = RNG.normal(size=(40, 4)), RNG.normal(size=40)
 SHORT = np.column_stack([ROWS[:, :3], ROWS[:, 0] - 2.0 * ROWS[:, 1]])  # the last is a combination of two others
 
 
-def test_full_rank_is_plain_least_squares():
-    """Values and covariance are numpy's own, nothing is blind."""
-    found = rank.solve(ROWS, TARGET)
-    assert found.values == pytest.approx(np.linalg.lstsq(ROWS, TARGET, rcond=None)[0], rel=1e-10)
-    assert found.inverse == pytest.approx(np.linalg.inv(ROWS.T @ ROWS), rel=1e-10)
-    assert found.blind.shape == (4, 0) and found.determined.all()
-
-
 def test_short_rank_names_what_it_does_not_know():
     """Only the columns that take part in the dependence are undetermined."""
     found = rank.solve(SHORT, TARGET)
