@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation import noise as noises
-from pumaid.estimation.noise import Levels, NoiseModel
+from pumaid.estimation.noise import Levels, NoiseModel, reduced
 from pumaid.gravity_load import along
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
@@ -25,12 +25,6 @@ Counts = NDArray[np.int64]
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
 ABSORBED = 1e-5
-#: Singular values of a run's own columns below this share of its largest are rounding.
-FLAT = 1e-10
-#: Runs that are reduced at once.
-AT_ONCE = 500
-#: Bins of a run, beside twice the parameters of its own fit, from which correlation is read.
-FEWEST_BINS = 12
 #: Share of the range that is physical by which a parameter is uncertain before any data.
 QUARTER = 0.25
 #: Share of an effect's squares beyond what is fitted already, below which there is only rounding.
@@ -112,46 +106,6 @@ class Row:
     def joined(self) -> Floats:
         """(R, k, p + 1): regressors and target side by side."""
         return np.concatenate([self.regressors, self.target[:, :, None]], axis=2)
-
-
-def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Counts, Floats]:
-    """Columns of each of R runs (N bins) along the directions that its design (N, p) spans.
-
-    `others` (N, q) is what else is wanted there; its last is what the run's own fit explains. Returns (R, k, p + q),
-    zero where a run spans fewer than k; (R,) directions of each run; and (R, p) minimum-norm parameters of each run's
-    own fit.
-    """
-    size = np.linalg.norm(design, axis=0)
-    live, lengths, (n_runs, p) = np.flatnonzero(size), bins.lengths, (len(bins.runs), design.shape[1])
-    m, table = len(live), np.column_stack([design[:, live] / size[live], others])
-    small = np.zeros((n_runs, max(min(m, int(lengths.max())), 1), p + others.shape[1]))
-    counts, parameters = np.zeros(n_runs, dtype=np.int64), np.zeros((n_runs, p))
-    for start in range(0, n_runs, AT_ONCE):
-        runs = slice(start, min(start + AT_ONCE, n_runs))
-        first, last = bins.first[start], bins.first[runs][-1] + lengths[runs][-1]
-        run = bins.run[first:last]
-        padded = np.zeros((runs.stop - start, int(lengths[runs].max()), table.shape[1]))
-        padded[run - start, np.arange(first, last) - bins.first[run]] = table[first:last]
-        upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
-        basis, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
-        is_spanned = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
-        turned = np.where(is_spanned[:, :, None], basis.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
-        singular, k = np.where(is_spanned, singular, 0.0), singular.shape[1]
-        small[runs, :k, live] = singular[:, :, None] * right * size[live]
-        small[runs, :k, p:] = turned
-        shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=is_spanned)
-        parameters[runs, live] = np.einsum("rkm,rk->rm", right, shares) / size[live]
-        counts[runs] = is_spanned.sum(axis=1)
-    return small[:, : max(int(counts.max()), 1)], counts, parameters
-
-
-def inner_noise(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
-    """White noise inside runs, by what each leaves beside its own fit, and how many times more slow noise there is."""
-    wide = np.column_stack([design, bins.harmonic])
-    _, lost, parameters = reduced(bins, wide, bins.current[:, None])
-    residual = bins.current - np.einsum("np,np->n", wide, parameters[bins.run])
-    enough = bins.lengths >= np.maximum(FEWEST_BINS, 2 * lost)
-    return noises.inside_runs(bins, residual, lost=np.asarray(lost, dtype=float), enough=enough)
 
 
 @dataclass(frozen=True, eq=False)
@@ -403,8 +357,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
     if any(term.effect.needs_loads and term.touches(bins.joint) for term in model.effects):
         if before is None:
             raise ValueError("effects of the load wait for a fit")
-        nodes, _ = bins.nodes
-        loads = along(before.model, nodes, 3 * bins.lengths, solution=before.values, scales=before.scales())
+        loads = with_loads(before, bins.nodes[0], 3 * bins.lengths).loads
     design = model.design(bins, loads)
     for n, column in enumerate(model.columns):
         if column.effect == DELAY and column.place is None and column.owner == bins.joint:
@@ -414,8 +367,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
 
 def _late(bins: JointBins, design: Floats) -> Floats:
     """(N,) A a second of delay in strokes: minus the slope by time of what each stroke's own fit predicts."""
-    parameters = reduced(bins, design, bins.current[:, None])[2]
-    drawn = np.einsum("np,np->n", design, parameters[bins.run])
+    drawn, _ = noises.fit_each_run(bins, design)
     is_slope = (bins.is_stroke & (bins.lengths > 2))[bins.run]
     step = np.where(is_slope, bins.rises(bins.samples.time), 1.0)
     return np.where(is_slope, -bins.rises(drawn) / step, 0.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
 from pumaid.estimation import noise as noises
-from pumaid.estimation.fit import Fit, Row, design_of, inner_noise, plausible, with_loads
+from pumaid.estimation.fit import Fit, Row, design_of, plausible, with_loads
 from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
@@ -103,7 +103,7 @@ def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel
         if terms[0] == terms[1] and not any(term.effect.needs_loads for term in terms[0]):
             return old.in_columns(before.model.names, model.names)
     design = design_of(model, bins, before)
-    inner, slow = (noise, 1.0) if noise is not None else inner_noise(bins, design)
+    inner, slow = (noise, 1.0) if noise is not None else noises.inside_runs(bins, design)
     return Row.of(bins, design, inner, slow=slow)
 
 

@@ -91,7 +91,7 @@ class FittedParameters:
         return np.asarray(size[:, None] * blind)
 
     def values(self) -> tuple[Value, ...]:
-        """Every parameter, then every ratio of neighbours."""
+        """Every parameter, every ratio of neighbours, and where such is open the next one outward that is known."""
         model, out = self.fitted.model, []
         for index, column in enumerate(model.columns):
             if column.effect != DELAY or column.place is not None:
@@ -100,7 +100,13 @@ class FittedParameters:
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
             out.append(_open(Value(name, symbol, link, "A s2/m"), Reason(why)))
-        return (*out, *self._ratios())
+        n, further = model.robot.n_joints, list[Value]()
+        for inner in range(1, n):
+            ratios = (self._ratio(inner, outer) for outer in range(inner + 1, n + 1))
+            out.append(next(ratios))
+            if out[-1].state != IDENTIFIED:
+                further += [ratio for ratio in ratios if ratio.state == IDENTIFIED][:1]
+        return (*out, *further)
 
     def _parameter(self, index: int, column: Column) -> Value:
         model, partners = self.fitted.model, self._partners(index)
@@ -109,7 +115,10 @@ class FittedParameters:
         if column.place is None and index in self.confounded and not is_idle:
             return _open(bare, reason("confounded", names=reasons.listed(self.confounded[index])))
         if is_idle or partners is not None or self._is_uncertain(index):
-            lever = self._lever(index)
+            row = next((row for row in self.fitted.rows if row.joint == column.owner), None)
+            lever = 1.0  # RMS of a gravity column over its joint's own runs, as a share of g
+            if row is not None and column.effect == "gravity":
+                lever = _rms(row, row.design[:, index]) / float(np.linalg.norm(model.robot.gravity))
             why = reasons.of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever)
             return _open(bare, why)
         if self.solution is not self.fitted.solution and self.fitted.system.owners[index] < 0:
@@ -130,14 +139,6 @@ class FittedParameters:
             error = _error_of(self.profiles[index], self.freedoms[index])
         return column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
 
-    def _lever(self, index: int) -> float:
-        """RMS of a gravity column over its joint's own runs, as a share of g; 1 for other columns."""
-        column = self.fitted.model.columns[index]
-        row = next((row for row in self.fitted.rows if row.joint == column.owner), None)
-        if row is None or column.effect != "gravity":
-            return 1.0
-        return _rms(row, row.design[:, index]) / float(np.linalg.norm(self.fitted.model.robot.gravity))
-
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""
         if index in self.confounded:
@@ -153,16 +154,6 @@ class FittedParameters:
         names = _names(self.fitted, self.solution.gains)
         together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
         return [*together, *(ratio_name(*pair) for pair in lost or [])]
-
-    def _ratios(self) -> list[Value]:
-        """Ratios of neighbours, and where a joint's is unknown that to the next joint further out whose is known."""
-        n, out, further = self.fitted.model.robot.n_joints, [], []
-        for inner in range(1, n):
-            ratios = (self._ratio(inner, outer) for outer in range(inner + 1, n + 1))
-            out.append(next(ratios))
-            if out[-1].state != IDENTIFIED:
-                further += [ratio for ratio in ratios if ratio.state == IDENTIFIED][:1]
-        return [*out, *further]
 
     def _ratio(self, inner: int, outer: int) -> Value:
         p, load = len(self.solution.values), (0.0, 0.0)

@@ -27,6 +27,12 @@ MOST_LOST = 0.8
 #: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
 #: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
 EXACT = 1e-10
+#: Singular values of a run's own columns below this share of its largest are rounding.
+FLAT = 1e-10
+#: Runs that are reduced at once.
+AT_ONCE = 500
+#: Bins of a run, beside twice the parameters of its own fit, from which correlation is read.
+FEWEST_OF_RUN = 12
 #: Fewest degrees of freedom from which two variances are estimated.
 FEWEST_FREEDOMS = 4
 #: Logarithms between which the ratio of level to sample, times a run's weight, and the variance of loud runs over that
@@ -102,16 +108,53 @@ def _levelled(noise: NoiseModel, bins: JointBins) -> tuple[Floats, Floats]:
     return ones, ones * shrink[bins.run]
 
 
-def inside_runs(
-    bins: JointBins, residual: Floats, *, lost: Floats, enough: NDArray[np.bool_]
-) -> tuple[NoiseModel, float]:
+def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Counts, Floats]:
+    """Columns of each of R runs (N bins) along the directions that its design (N, p) spans.
+
+    `others` (N, q) is what else is wanted there; its last is what the run's own fit explains. Returns (R, k, p + q),
+    zero where a run spans fewer than k; (R,) directions of each run; and (R, p) minimum-norm parameters of each run's
+    own fit.
+    """
+    size = np.linalg.norm(design, axis=0)
+    live, lengths, (n_runs, p) = np.flatnonzero(size), bins.lengths, (len(bins.runs), design.shape[1])
+    m, table = len(live), np.column_stack([design[:, live] / size[live], others])
+    small = np.zeros((n_runs, max(min(m, int(lengths.max())), 1), p + others.shape[1]))
+    counts, parameters = np.zeros(n_runs, dtype=np.int64), np.zeros((n_runs, p))
+    for start in range(0, n_runs, AT_ONCE):
+        runs = slice(start, min(start + AT_ONCE, n_runs))
+        first, last = bins.first[start], bins.first[runs][-1] + lengths[runs][-1]
+        run = bins.run[first:last]
+        padded = np.zeros((runs.stop - start, int(lengths[runs].max()), table.shape[1]))
+        padded[run - start, np.arange(first, last) - bins.first[run]] = table[first:last]
+        upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
+        basis, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
+        is_spanned = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
+        turned = np.where(is_spanned[:, :, None], basis.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
+        singular, k = np.where(is_spanned, singular, 0.0), singular.shape[1]
+        small[runs, :k, live] = singular[:, :, None] * right * size[live]
+        small[runs, :k, p:] = turned
+        shares = np.divide(turned[:, :, -1], singular, out=np.zeros_like(singular), where=is_spanned)
+        parameters[runs, live] = np.einsum("rkm,rk->rm", right, shares) / size[live]
+        counts[runs] = is_spanned.sum(axis=1)
+    return small[:, : max(int(counts.max()), 1)], counts, parameters
+
+
+def fit_each_run(bins: JointBins, design: Floats) -> tuple[Floats, Counts]:
+    """(N,) A that each run's own fit of (N, p) `design` predicts, and (R,) its terms."""
+    _, counts, parameters = reduced(bins, design, bins.current[:, None])
+    return np.einsum("np,np->n", design, parameters[bins.run]), counts
+
+
+def inside_runs(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     """White noise of a sample alike in all runs, and how many times its density slow noise has inside runs.
 
-    To estimate parameters nothing is whitened within runs: that would lift the band in which what a model lacks, and
-    the noise of smoothed accelerations, live. `residual` (N,) A is what each run leaves beside a fit of its own, `lost`
-    (R,) the parameters of that; `enough` (R,) are runs that are long enough to tell: where none is, the scatter inside
-    bins does.
+    It is what each run leaves beside its own fit of (N, p) `design` and its first harmonic, where runs are long enough
+    to tell; else the scatter inside bins. To estimate parameters nothing is whitened within runs: that would lift the
+    band in which what a model lacks, and the noise of smoothed accelerations, live.
     """
+    drawn, lost = fit_each_run(bins, np.column_stack([design, bins.harmonic]))
+    residual = bins.current - drawn
+    enough = bins.lengths >= np.maximum(FEWEST_OF_RUN, 2 * lost)
     pieces = np.split(residual, bins.first[1:])
     floor = max(EXACT * float(np.sqrt(bins.mean_square)), 1e-70)
     correlation = np.zeros(len(pieces))
@@ -121,7 +164,7 @@ def inside_runs(
         places = np.flatnonzero(enough[members])
         if len(places):
             runs = members[places]
-            parts = [pieces[k] for k in runs], places, lost[runs]
+            parts = [pieces[k] for k in runs], places, lost[runs].astype(float)
             correlation[members], spread[members] = _moments_by_step(bins.step[members], *parts)
     spread = np.maximum(spread, floor)
     count = bins.sums(bins.count) / bins.lengths

@@ -14,8 +14,9 @@ from pumaid.effects.base import Family, load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.covariance import two_sided
-from pumaid.estimation.fit import Fit, FitRow, reduced
+from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import fit_bins
+from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.model import Model
@@ -203,9 +204,8 @@ def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
     """(N,) A that each run's own first harmonic, and in strokes its motion, leave; and (R,) their numbers of terms."""
     v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.is_stroke[bins.run]
     motion = [np.ones(len(v)), stroke * v, stroke * bins.samples.acceleration]
-    design = np.column_stack([bins.harmonic, *motion])
-    _, terms, parameters = reduced(bins, design, bins.current[:, None])
-    return bins.current - np.einsum("np,np->n", design, parameters[bins.run]), terms
+    drawn, terms = fit_each_run(bins, np.column_stack([bins.harmonic, *motion]))
+    return bins.current - drawn, terms
 
 
 def _inside(bins: JointBins) -> tuple[Floats, Floats]:
