@@ -334,7 +334,16 @@ def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Com
     sums: list[Combination] = []
     for row in sorted(fitted.fitted.rows, key=lambda row: row.joint):
         rms = math.sqrt(row.bins.mean_square)
-        for weights, text in (*_friction(fitted, row), *_loads(fitted, row)):
+        sums_at_joint = list(_loads(fitted, row))
+        for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
+            covered, names = fitted.coverage[row.joint], fitted.fitted.model.names
+            if covered.has_one_speed(sign):
+                weights = np.zeros(len(fitted.covariance))
+                weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
+                weights[names.index(f"viscous.j{row.joint}.{side}")] = sign * float(np.mean(covered.speeds[sign]))
+                text = f"friction of joint {row.joint} {way}, at the one speed that was run"
+                sums_at_joint.append((weights, text))
+        for weights, text in sums_at_joint:
             # Parameters of plausible size would make this sum a part of the joint's current.
             reach = float(np.linalg.norm(weights[: len(fitted.solution.values)] * fitted.fitted.limit))
             total = _sum(fitted, row, weights, text)
@@ -375,17 +384,6 @@ def _sum(fitted: FittedParameters, row: Row, weights: Floats, text: str, *, unit
         off = error
     value = float(bare @ fitted.solution.values) if off < LEANING * math.sqrt(row.bins.mean_square) else math.nan
     return Combination({columns[n].name: weight for n, weight in terms.items()}, value, error, unit, text)
-
-
-def _friction(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str]]:
-    """Coulomb plus viscous at the one speed that was run, each way."""
-    names, covered = fitted.fitted.model.names, fitted.coverage[row.joint]
-    for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
-        if covered.has_one_speed(sign):
-            weights = np.zeros(len(fitted.covariance))
-            weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
-            weights[names.index(f"viscous.j{row.joint}.{side}")] = sign * float(np.mean(covered.speeds[sign]))
-            yield weights, f"friction of joint {row.joint} {way}, at the one speed that was run"
 
 
 def _loads(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str]]:
