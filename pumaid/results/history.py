@@ -122,13 +122,8 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Path:
     """Write the current model `path` of an experiment, and archive it as ``models/NUMBER-EFFECTS.json`` beside it.
 
     Its parent is the model that was current where one of the two has all effects of the other, else (or where it is an
-    earlier one fitted again) the comparable model with most of its effects. A model is archived once. Models of the
-    same arm stay comparable when only the recipe's effects change. Returns the archived file.
-
-    Raises
-    ------
-    ResultError [cannot-write], [results-busy]
-        The system refuses, or another run does not end its writing.
+    earlier one fitted again) the comparable model with most of its effects. A model is archived once. Returns the
+    archived file; ResultError [cannot-write], [results-busy] where the system refuses or another run is writing.
     """
     arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
     document = model_document(estimate)
@@ -144,10 +139,10 @@ def restore(results: Path, number: int) -> Path:
 
     A current model that is in no archive is archived first.
     """
-    _entries(results)
+    _entries(results / FOLDER, required=True)
     with locked(results / FOLDER):
         _archive_current(results / CURRENT)
-        paths = {entry.number: entry.path for entry in _entries(results)[0]}
+        paths = {entry.number: entry.path for entry in _entries(results / FOLDER)[0]}
         if number not in paths:
             what = f"there is no model {number}; there are {', '.join(map(str, paths))}"
             raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
@@ -175,7 +170,7 @@ def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, 
     """Put a model into the archive, once; `before` is the digest of the one that was current."""
     document, estimate = model
     digest = document["sha256"]
-    entries, _ = _usable(folder)
+    entries, _ = _entries(folder)
     for entry in entries:
         if entry.digest == digest:
             return entry.path
@@ -217,14 +212,8 @@ def effect_words(effects: Iterable[EffectChoice], n_joints: int = 0) -> list[str
 
 
 def read_history(results: Path) -> History:
-    """All models that a results folder keeps, as ladders of those that can be compared.
-
-    Raises
-    ------
-    ResultError [no-history]
-        No model was archived.
-    """
-    entries, notes = _entries(results)
+    """All models that a results folder keeps, by ladders; ResultError [no-history] where no model was archived."""
+    entries, notes = _entries(results / FOLDER, required=True)
     path, digest, why = results / CURRENT, "", "is not among the kept ones"
     try:
         digest = _read(path)[0]["sha256"]
@@ -265,37 +254,30 @@ def _number(path: Path) -> int:
     return int(match[1]) if match else 0
 
 
-def _entries(results: Path) -> tuple[list[Entry], list[Note]]:
-    """The archive of a results folder in order of numbers, and what in it cannot be used; refused where it is empty."""
-    entries, notes = _usable(results / FOLDER)
-    if not entries:
-        what = f"no model was kept in {results / FOLDER}"
-        mend = "'pumaid identify LOGS...' makes the first; each later one is kept beside it"
-        raise ResultError("no-history", what, Where(file=str(results)), mend)
-    return entries, notes
-
-
-def _usable(folder: Path) -> tuple[list[Entry], list[Note]]:
+def _entries(folder: Path, *, required: bool = False) -> tuple[list[Entry], list[Note]]:
+    """The archive in order of numbers, and what cannot be used; ResultError [no-history] where it is `required`."""
     entries: dict[int, Entry] = {}
     notes: list[Note] = []
     paths = [path for path in folder.iterdir() if path.name[0] != "."] if folder.is_dir() else []
     for path in sorted(paths, key=lambda path: (_number(path), path.name)):
-        number, why = _number(path), "it is not named as kept models are (NUMBER-EFFECTS.json)"
+        number, why = _number(path), ""
         try:
             document, estimate = _read(path)
         except PumaidError as error:
-            number, why = 0, error.what.replace(str(path), "it")
+            why = error.what.replace(str(path), "it")
         else:
-            if number in entries or any(document["sha256"] == entry.digest for entry in entries.values()):
-                number, why = 0, "its model or number is there already"
-        if not number:
-            where = Where(file=str(path))
-            notes.append(Note("model-skipped", f"{path.name} is passed over: {why}", where))
+            why = "" if number else "it is not named as kept models are (NUMBER-EFFECTS.json)"
+            why = "its number is there already" if number in entries else why
+        if why:
+            notes.append(Note("model-skipped", f"{path.name} is passed over: {why}", Where(file=str(path))))
             continue
         link = document.get(_LINK)
         texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
         arm = texts.get("arm") or estimate.recipe_digest
         entries[number] = Entry(number, path, estimate, document["sha256"], parent=texts.get("parent"), arm=arm)
+    if required and not entries:
+        mend = "'pumaid identify LOGS...' makes the first; each later one is kept beside it"
+        raise ResultError("no-history", f"no model was kept in {folder}", Where(file=str(folder.parent)), mend)
     return list(entries.values()), notes
 
 

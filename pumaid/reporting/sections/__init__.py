@@ -1,4 +1,4 @@
-"""The sections of the report: one file each with one class, and a template of the same name."""
+"""The sections of the report: a class each, and a template of the same name; those of every report are `standard`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Section(ABC):
     """One section of the page, with its place on it and its heading.
 
     Sections are found by looking into this folder and sorted by `order`, with gaps for new ones. The template is
-    ``templates/<file name>.html``; it sees `content`. Tables stand in it as ``{{ table }}``, figures as
+    ``templates/NAME.html``; it sees `content`. Tables stand in it as ``{{ table }}``, figures as
     ``{{ figure(drawing) }}``.
     """
 
@@ -24,8 +24,8 @@ class Section(ABC):
 
     @property
     def name(self) -> str:
-        """The file's name; also the anchor on the page."""
-        return type(self).__module__.rsplit(".", 1)[-1]
+        """The class's name in lower case, without ``Section``; also the anchor on the page."""
+        return type(self).__name__.removesuffix("Section").lower()
 
     def applies(self, context: ReportContext) -> bool:
         """Whether there is anything to show in this section."""
