@@ -45,7 +45,7 @@ AT_FLOOR, BELOW_FLOOR = 1.1, 0.8
 #: RMSE over noise floor up to which a verdict holds.
 FLOOR_VERDICTS = {
     BELOW_FLOOR: "below the floor, so repeated runs differ by something that the model follows (drift, warm-up)",
-    AT_FLOOR: "at the floor, nothing missing that repeated runs can show",
+    AT_FLOOR: "at the floor",
     ATTENTION: "little above the floor",
 }
 #: A: errors below this are round-off.
@@ -198,7 +198,13 @@ def joint_sentence(score: JointScore, robot: Robot) -> str:
         ratio = (score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING)
         above = f"{number(ratio, 2)} times the floor, so the model lacks something"
         verdict = next((text for limit, text in FLOOR_VERDICTS.items() if ratio <= limit), above)
-        words += f"{amperes(score.noise_floor)}: {verdict}."
+        words += f"{amperes(score.noise_floor)}: {verdict}"
+        if BELOW_FLOOR < ratio <= AT_FLOOR:
+            is_noise = score.budget is None or is_noise_only(score.budget)
+            words += (
+                ", nothing missing that repeated runs can show" if is_noise else ", yet part of it is more than noise"
+            )
+        words += "."
     if score.heldout is not None and score.heldout_runs < score.runs:
         words += f" Hold-out RMSE ({plural(score.heldout_runs, 'run')}): {amperes(score.heldout)}."
     if score.undetermined:

@@ -32,21 +32,14 @@ def parents(path: Path) -> dict[int, int | None]:
     return {rung.number: rung.parent for ladder in read_history(path.parent).ladders for rung in ladder.rungs}
 
 
-def test_every_model_is_kept_under_its_number_and_effects(path):
-    """The current model is the last, and each stays readable as the model that it was."""
+def test_every_model_is_kept_once_under_its_number_and_effects(path):
+    """The current model is the last, each stays readable, and fitting anew what was fitted before adds no file."""
     keep(path, model(), ARM)
     keep(path, model(STRIBECK, RIPPLE, replace(STRIBECK, joint=2), rmse=0.01), ARM)
     assert names(path) == ["001-base.json", "002-stribeck@1,2+ripple@2.json"]
     assert read_model(path).effects == read_model(path.parent / "models" / names(path)[1]).effects
     assert read_model(path.parent / "models" / names(path)[0]).effects == ()
-
-
-def test_the_same_model_is_kept_once(path):
-    """Fitting anew what was fitted before makes it current and adds no file."""
-    first = keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
-    again = keep(path, model(), ARM)
-    assert again == first
+    assert keep(path, model(), ARM).name == "001-base.json"
     assert len(names(path)) == 2 and read_history(path.parent).current == 1
 
 
@@ -80,7 +73,7 @@ def test_undo_brings_the_earlier_file_back(path):
 
 
 def test_a_model_from_before_the_archive_is_kept_too(path):
-    """Neither the next model nor an undo destroys a current model that nobody had kept."""
+    """Neither the next model nor an undo destroys a current model that was in no archive."""
     write_model(path, model())
     keep(path, model(STRIBECK, rmse=0.02), ARM)
     write_model(path, model(RIPPLE, rmse=0.015))
@@ -89,20 +82,15 @@ def test_a_model_from_before_the_archive_is_kept_too(path):
     assert parents(path)[2] == 1
 
 
-def test_wrong_number_tells_the_right_ones(path):
-    """An undo to a model that is not there changes nothing."""
+def test_models_that_are_not_there_are_refused(path):
+    """Without an archive the message names the command that makes one; a wrong number tells the right ones."""
+    with pytest.raises(ResultError, match="pumaid identify") as refused:
+        read_history(path.parent)
+    assert refused.value.slug == "no-history"
     keep(path, model(), ARM)
     with pytest.raises(ResultError, match="there are 1") as refused:
         restore(path.parent, 7)
-    assert refused.value.slug == "no-history"
-    assert read_model(path).effects == ()
-
-
-def test_nothing_kept_is_said(path):
-    """Without an archive the message names the command that makes one."""
-    with pytest.raises(ResultError) as refused:
-        read_history(path.parent)
-    assert refused.value.slug == "no-history" and "pumaid identify" in refused.value.mend
+    assert refused.value.slug == "no-history" and read_model(path).effects == ()
 
 
 def test_whole_arm_weighs_samples(path):
@@ -138,7 +126,7 @@ def test_effects_in_the_recipe_do_not_part_the_ladder(path):
     assert len(read_history(path.parent).ladders) == 1 and parents(path) == {1: None, 2: 1}
 
 
-def test_foreign_and_broken_files_are_told(path):
+def test_foreign_broken_and_changed_files_are_told(path):
     """Each is named with what is wrong with it; the rest is used, and the next number stays clear of them."""
     keep(path, model(), ARM)
     for name, text in ROTTEN.items():
@@ -146,17 +134,12 @@ def test_foreign_and_broken_files_are_told(path):
     history = read_history(path.parent)
     assert sorted(Path(note.where.file).name for note in history.notes) == sorted(ROTTEN)
     assert {note.slug for note in history.notes} == {"model-skipped"}
-    assert keep(path, model(STRIBECK), ARM).name.startswith("011")
-
-
-def test_a_changed_copy_is_passed_over(path):
-    """An edited file is no model that was fitted; the note says so."""
-    keep(path, model(), ARM)
-    kept = keep(path, model(STRIBECK, rmse=0.02), ARM)
-    kept.write_text(kept.read_text().replace('"rmse": 0.02,', '"rmse": 0.0002,'), encoding="utf-8")
+    archived = keep(path, model(STRIBECK, rmse=0.02), ARM)
+    assert archived.name.startswith("011")
+    archived.write_text(archived.read_text().replace('"rmse": 0.02,', '"rmse": 0.0002,'), encoding="utf-8")
     history = read_history(path.parent)
-    assert [note.slug for note in history.notes] == ["model-skipped", "model-not-kept"]
-    assert "was changed" in history.notes[0].text and len(history.ladders[0].rungs) == 1
+    assert [note.slug for note in history.notes[-2:]] == ["model-skipped", "model-not-kept"]
+    assert "was changed" in history.notes[-2].text and len(history.ladders[0].rungs) == 1
 
 
 def test_a_lost_parent_leaves_a_ladder(path):

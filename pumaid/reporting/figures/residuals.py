@@ -203,6 +203,7 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
         means = side.groupby([labels, "run"])["residual"].mean().groupby(level=0)
         error_marks(axes, side[name].groupby(labels).mean(), means.mean(), errors=means.sem(), sign=sign, **look)
     axes.margins(x=0.05)
+    axes.locator_params(axis="x", nbins=6)  # small currents have long labels
     axes.set_xlabel(name, labelpad=1)
     # The same scale above and below zero, with room for 99 % of the residuals.
     top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
@@ -391,7 +392,7 @@ def _before_and_after(both: Sequence[Axes], finding: Finding, curve: Curve, robo
 
 
 def _scale(unit: str, values: Floats, units: str) -> tuple[float, str]:
-    """Factor and unit of a figure's axis: degrees if asked for, minutes of long times."""
+    """Factor and unit of an axis: degrees if asked for, minutes of long times."""
     if unit == "s" and np.nanmax(np.abs(values), initial=0.0) > MINUTES:
         return 1.0 / 60.0, "min"
     scale, shown = in_unit(unit, units)
