@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any
+
 from click.testing import CliRunner, Result
 
 from pumaid.cli import group
 
 
-def run(*words: str, code: int = 0) -> Result:
-    """A command line that ends with `code`."""
-    found = CliRunner().invoke(group, list(words), prog_name="pumaid")
+def run(*words: object, code: int = 0, **more: Any) -> Result:
+    """A command line that ends with `code`; Traceback, if any, is never the answer."""
+    found = CliRunner().invoke(group, [str(word) for word in words], prog_name="pumaid", **more)
     assert found.exit_code == code, found.output
+    assert "Traceback" not in found.stderr
     return found
+
+
+def answer(line: str, **more: Any) -> dict[str, Any]:
+    """The document that a line prints with ``--json``."""
+    return json.loads(run(*line.split(), "--json", **more).stdout)

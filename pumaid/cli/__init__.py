@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import rich_click as click
+from click.exceptions import Exit
 
 from pumaid import __version__
 from pumaid.cli.failures import reported
+from pumaid.errors import EXIT_ATTENTION
 
 click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
 click.rich_click.STYLE_HELPTEXT = ""
@@ -28,21 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 #: Order in which help lists the commands: the order of work. Commands not named here follow, by name.
-ORDER_OF_WORK = (
-    "demo",
-    "init",
-    "plan",
-    "simulate",
-    "segment",
-    "identify",
-    "compare",
-    "diagnose",
-    "report",
-    "history",
-    "export",
-    "effects",
-    "doctor",
-)
+ORDER_OF_WORK = "demo init plan simulate segment identify compare diagnose report history export effects doctor"
 
 
 class Commands(click.RichGroup):
@@ -51,7 +39,7 @@ class Commands(click.RichGroup):
     def list_commands(self, ctx: click.Context) -> list[str]:
         folder = str(Path(__file__).with_name("commands"))
         names = [module.name.replace("_", "-") for module in pkgutil.iter_modules([folder])]
-        rank = {name: place for place, name in enumerate(ORDER_OF_WORK)}
+        rank = {name: place for place, name in enumerate(ORDER_OF_WORK.split())}
         return sorted(names, key=lambda name: (rank.get(name, len(rank)), name))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -81,12 +69,13 @@ class Commands(click.RichGroup):
         with reported():  # --help and --version print here
             return super().make_context(info_name, args, parent, **extra)
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> None:
         with reported():
-            return super().invoke(ctx)
+            if super().invoke(ctx):  # commands tell whether something asks for attention
+                raise Exit(EXIT_ATTENTION)
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(__version__, prog_name="pumaid", message="%(prog)s %(version)s")
 def group() -> None:
     """Learn from logged motions what a robot arm's motor currents are spent on.

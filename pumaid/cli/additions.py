@@ -6,15 +6,16 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from pumaid.cli.output import progress
+from pumaid.cli.output import identified
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import ADD, Diagnosis, Finding, read_diagnosis
 from pumaid.effect_spec import option_text
 from pumaid.effects import catalogue
 from pumaid.errors import ResultError
 from pumaid.estimate import GIVEN, Estimate
-from pumaid.estimation.estimate import identify
+from pumaid.experiment import Experiment
 from pumaid.reporting.text import left_out_sentence, step_sentence
 from pumaid.results.history import keep
 from pumaid.robot import EffectChoice, Robot
@@ -25,49 +26,31 @@ MAY_RISE = 0.01
 MOST_ADDED = 4
 
 
-def identify_command(
-    logs: Sequence[str], *, recipe: Path | None, heldout: Sequence[str], effects: Sequence[Path]
-) -> str:
-    """``pumaid identify`` with what the user typed: logs, recipe, held-out runs and files of own effects."""
-    words = ["pumaid", "identify", *logs]
-    words += [] if recipe is None else ["--recipe", str(recipe)]
-    for option, values in (("--heldout", heldout), ("--effects", effects)):
-        words += [word for value in values for word in (option, str(value))]
-    return shlex.join(words)
+def with_commands(
+    diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, experiment: Experiment, effects: Sequence[Path] = ()
+) -> Diagnosis:
+    """The diagnosis of `estimate` with commands that can be pasted.
 
-
-def with_commands(diagnosis: Diagnosis, estimate: Estimate, robot: Robot, *, identify_again: str) -> Diagnosis:
-    """The diagnosis with commands that can be pasted.
-
-    Parameters
-    ----------
-    diagnosis
-        Of `estimate`.
-    estimate, robot
-        The model, whose effects a command must repeat where the recipe does not switch them on.
-    identify_again
-        As `identify_command` gives it.
+    They repeat the words of `experiment` and the files of own `effects` that the user typed, and what the model has
+    beyond the recipe.
     """
     from pumaid.diagnosis.diagnose import IDENTIFY
 
-    in_recipe = {(choice.effect, choice.joint) for choice in robot.effects}
-    in_recipe |= {(name, None) for name, _ in in_recipe}
-    head = identify_again
+    words = ["pumaid", "identify", *experiment.logs]
+    words += [] if experiment.recipe is None else ["--recipe", str(experiment.recipe)]
+    for option, values in (("--heldout", experiment.heldout), ("--effects", effects)):
+        words += [word for value in values for word in (option, str(value))]
+    in_recipe = {(choice.effect, joint) for choice in robot.effects for joint in (choice.joint, None)}
     for choice in reopened(estimate):
         if not {(choice.effect, choice.joint), (choice.effect, None)} & in_recipe:
-            head += f" --add {option_text(choice.effect, choice.joint, choice.shape, fixed=choice.shape)}"
-    joints = []
-    for joint in diagnosis.joints:
-        candidates = [replace(item, command=item.command.replace(IDENTIFY, head, 1)) for item in joint.candidates]
-        joints.append(replace(joint, candidates=tuple(candidates)))
-    findings = [replace(item, command=item.command.replace(IDENTIFY, head, 1)) for item in diagnosis.findings]
-    return replace(diagnosis, joints=tuple(joints), findings=tuple(findings))
+            words += ["--add", option_text(choice.effect, choice.joint, choice.shape, fixed=choice.shape)]
+    head = shlex.join(words)
 
+    def pasted(items: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(replace(item, command=item.command.replace(IDENTIFY, head, 1)) for item in items)
 
-def choice_of(finding: Finding) -> EffectChoice:
-    """A finding as an effect to be fitted: its shape is left open, but where the same effect may stand there twice."""
-    shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
-    return EffectChoice(finding.effect, finding.joint, shape)
+    joints = tuple(replace(joint, candidates=pasted(joint.candidates)) for joint in diagnosis.joints)
+    return replace(diagnosis, joints=joints, findings=pasted(diagnosis.findings))
 
 
 def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
@@ -80,17 +63,6 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
         shape = {name: value for name, value in choice.shape.items() if is_whole or prefix + name in given}
         out.append(replace(choice, shape=shape))
     return tuple(out)
-
-
-def diagnosed(
-    estimate: Estimate, dataset: Dataset, robot: Robot, *, suspects: Sequence[str], identify_again: str
-) -> Diagnosis:
-    """A diagnosis, with progress and commands."""
-    from pumaid.diagnosis.diagnose import diagnose
-
-    with progress("diagnosing") as step:
-        diagnosis = diagnose(estimate, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
-    return with_commands(diagnosis, estimate, robot, identify_again=identify_again)
 
 
 def added(
@@ -123,11 +95,15 @@ def added(
     """
     keep(model, estimate, robot)
     done: list[Finding] = []
-    while new := [item for item in diagnosis.findings if item.verdict == ADD and _is_new(item, estimate)]:
+    while len(done) < MOST_ADDED and (new := [item for item in diagnosis.findings if _is_addable(item, estimate)]):
         for finding in new[: MOST_ADDED - len(done)]:
-            fresh = _refitted(dataset, robot, (*reopened(estimate), choice_of(finding)))
-            if _error(fresh) > (1.0 + MAY_RISE) * _error(estimate):
-                tell(left_out_sentence(finding, _error(estimate), _error(fresh), robot=robot))
+            # The shape is left open, but where the same effect may stand there twice.
+            shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
+            effects = (*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
+            fresh = identified(dataset, robot, effects=effects)
+            before, after = _error(estimate), _error(fresh)
+            if after > (1.0 + MAY_RISE) * before:
+                tell(left_out_sentence(finding, before, after, robot=robot))
                 current = diagnosis if finding is new[0] else again(estimate)
                 return replace(current, applied=tuple(done)), estimate
             keep(model, fresh, robot)
@@ -135,17 +111,7 @@ def added(
             tell(step_sentence(finding, estimate, fresh, robot=robot, number=len(done)))
             estimate = fresh
         diagnosis = again(estimate)
-        if len(done) >= MOST_ADDED:
-            break
     return replace(diagnosis, applied=tuple(done)), estimate
-
-
-def _refitted(dataset: Dataset, robot: Robot, effects: Sequence[EffectChoice]) -> Estimate:
-    """A fit with these effects, with progress."""
-    with progress("identifying", total=robot.n_joints) as step:
-        return identify(
-            dataset, robot, effects=effects, progress=lambda joint, text: step(robot.n_joints - joint, text)
-        )
 
 
 def _error(estimate: Estimate) -> float:
@@ -155,11 +121,12 @@ def _error(estimate: Estimate) -> float:
     return (sum(samples * rmse**2 for samples, rmse in parts) / total) ** 0.5 if total else 0.0
 
 
-def _is_new(finding: Finding, estimate: Estimate) -> bool:
-    """Whether the model can hold it besides what it holds; a suspected column is no effect of the catalogue."""
+def _is_addable(finding: Finding, estimate: Estimate) -> bool:
+    """Whether it should be added and the model can hold it; a suspected column is no effect of the catalogue."""
     effect = catalogue().get(finding.effect)
     there = {(choice.effect, choice.joint) for choice in estimate.effects}
-    return effect is not None and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
+    is_new = effect is not None and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
+    return is_new and finding.verdict == ADD
 
 
 def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Diagnosis:

@@ -8,13 +8,13 @@ import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import rich_click as click
 from click.exceptions import Exit
 
 from pumaid import __version__
-from pumaid.errors import EXIT_BAD_INPUT, EXIT_BUG, ModelError, PumaidError, ResultError, Where
+from pumaid.cli.output import effect_files
+from pumaid.errors import EXIT_BAD_INPUT, EXIT_BUG, ModelError, PumaidError, ResultError, Where, visible
 
 #: Exit codes of a program that a signal ended, as shells count them.
 EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 128 + 2, 128 + 13
@@ -37,13 +37,15 @@ def reported() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise Exit(EXIT_PIPE_CLOSED) from None
     except KeyboardInterrupt:
-        _leave(EXIT_INTERRUPTED, "\nstopped; files that were being written are as they were before")
+        click.echo("\nstopped; files that were being written are as they were before", err=True)
+        raise Exit(EXIT_INTERRUPTED) from None
     except Exception as error:
         refusal = _refusal(error)
-        if refusal is None:
-            _leave(EXIT_BUG, _bug(error))
-        else:
-            _leave(EXIT_BAD_INPUT, _coloured(str(refusal)))
+        head, mark, rest = visible(str(refusal)).partition("]: ")
+        # click strips the colour where standard error is no terminal
+        words = click.style(head + "]", fg="red", bold=True) + ": " + rest if mark else head
+        click.echo(_bug(error) if refusal is None else words, err=True)
+        raise Exit(EXIT_BUG if refusal is None else EXIT_BAD_INPUT) from None
 
 
 def _refusal(error: Exception) -> PumaidError | None:
@@ -60,7 +62,7 @@ def _refusal(error: Exception) -> PumaidError | None:
         what = f"the system has no more memory for pumaid: {words or 'it did not say how much was asked for'}"
         mend = "end other programs, raise the limit (ulimit -v), or give --jobs 1: one process holds less than two"
         return ResultError("no-memory", what, mend=mend)
-    named = {str(path.resolve()) for path in _effect_files()}
+    named = {str(path.resolve()) for path in effect_files()}
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in named]
     if not frames:
         return None
@@ -70,30 +72,8 @@ def _refusal(error: Exception) -> PumaidError | None:
     return ModelError("effect-contract", what, Where(file=frame.filename, row=frame.lineno), mend)
 
 
-def _effect_files() -> tuple[Path, ...]:
-    context = click.get_current_context(silent=True)
-    return () if context is None else context.meta.get("pumaid.effects", ())
-
-
-def _leave(code: int, message: str) -> None:
-    click.echo(message, err=True)
-    raise Exit(code) from None
-
-
-def _coloured(message: str) -> str:
-    """The words ``error[slug]`` in red; click strips the colour where standard error is no terminal."""
-    from pumaid.errors import visible
-
-    head, mark, rest = visible(message).partition("]: ")
-    return click.style(head + "]", fg="red", bold=True) + ": " + rest if mark else head
-
-
 def _bug(error: Exception) -> str:
-    return "\n".join(
-        [
-            "".join(traceback.format_exception(error)).rstrip(),
-            f"bug: pumaid failed with {type(error).__name__}, which is its fault and not yours",
-            f"  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}",
-            "  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints",
-        ]
-    )
+    return f"""{"".join(traceback.format_exception(error)).rstrip()}
+bug: pumaid failed with {type(error).__name__}, which is its fault and not yours
+  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}
+  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints"""

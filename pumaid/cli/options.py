@@ -37,11 +37,12 @@ class _Place(click.Path):
 
 
 FILE = click.Path(path_type=Path)
+FILE_OR_PIPE = click.Path(path_type=Path, allow_dash=True)
 
 #: Files, folders, globs, ``-`` for standard input.
 logs_argument = click.argument("logs", nargs=-1, required=True, metavar="LOGS...")
 #: A model file, or ``-``.
-model_argument = click.argument("model", type=click.Path(path_type=Path, allow_dash=True), metavar="MODEL")
+model_argument = click.argument("model", type=FILE_OR_PIPE, metavar="MODEL")
 recipe_option = click.option(
     "--recipe", type=FILE, metavar="FILE", help="The recipe; else recipe.yaml with the logs, beside them, or here."
 )
@@ -55,29 +56,42 @@ json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document on standard output, nothing else there."
 )
 seed_option = click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    metavar="N",
-    help="The same seed gives the same result.",
+    "--seed", type=click.IntRange(min=0), default=0, metavar="N", help="The same seed gives the same result."
 )
 units_option = click.option(
-    "--units",
-    type=click.Choice(["rad", "deg"]),
-    default="rad",
-    show_default=True,
-    help="Unit of angles in tables; JSON is in rad.",
+    "--units", type=click.Choice(["rad", "deg"]), default="rad", help="Unit of angles in tables; JSON is in rad."
 )
 check_option = click.option("--check", is_flag=True, help="Leave with exit code 1 if something asks for attention.")
 suspect_option = click.option(
-    "--suspect",
-    multiple=True,
-    metavar="COLUMN",
-    help="A column that may be the cause (a supply voltage); repeatable.",
+    "--suspect", multiple=True, metavar="COLUMN", help="A column that may be the cause (a supply voltage); repeatable."
 )
+force_option = click.option("--force", is_flag=True, help="Replace what is there already.")
+
+
+def _picture(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
+    """Refuse a name that ends as no picture does, before anything is computed."""
+    if path is not None and path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise click.BadParameter(f"{path} is no .png, .svg or .pdf", context, option)
+    return path
+
+
 picture_option = click.option(
-    "--picture", "--figure", "picture", type=FILE, metavar="FILE", help="Draw it: .png, .svg or .pdf."
+    "--picture",
+    "--figure",
+    "picture",
+    type=FILE,
+    metavar="FILE",
+    callback=_picture,
+    help="Draw it: .png, .svg or .pdf.",
+)
+add_option = click.option(
+    "--add",
+    multiple=True,
+    metavar="EFFECT[@JOINT]",
+    help="Physics to add: stribeck@3, ripple@2:frequency=58; repeatable.",
+)
+remove_option = click.option(
+    "--remove", multiple=True, metavar="EFFECT[@JOINT]", help="Leave out an effect of the recipe, or all; repeatable."
 )
 
 
@@ -87,57 +101,27 @@ def output_option(text: str) -> Callable[[Decorated], Decorated]:
     return click.option("-o", "--output", type=kind, metavar="FILE", help=text)
 
 
-def effect_options(function: Decorated) -> Decorated:
-    """``--add`` and ``--remove`` as `add` and `remove`: tuples of str, as `pumaid.effect_spec` reads them."""
-    added = "Physics to add: stribeck@3, ripple@2:frequency=58 ...; repeatable."
-    removed = "Leave out an effect that the recipe has, or all; repeatable."
-    metavar = "EFFECT[@JOINT]"
-    function = click.option("--remove", multiple=True, metavar=metavar, help=removed)(function)
-    return click.option("--add", multiple=True, metavar=metavar, help=added)(function)
-
-
-def experiment_options(*, has_heldout: bool = True, has_results: bool = True) -> Callable[[Decorated], Decorated]:
-    """What tells where an experiment is and how its logs are read, with the argument ``logs`` as `experiment`.
-
-    These are ``--recipe``, ``--heldout``, ``--results``, ``--trust``, ``--jobs`` and ``--dask``.
-    """
-
-    def decorate(function: Decorated) -> Decorated:
-        @wraps(function)
-        def run(**values: Any) -> Any:
-            from pumaid.cli.output import counted, remark
-            from pumaid.experiment import Experiment
-
-            names = {"logs", "recipe", "heldout", "results", "trust", "jobs", "dask"} & set(values)
-            asked = {name: values.pop(name) for name in names}
-            return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
-
-        text = "Read the logs with the workers of this Dask scheduler."
-        run = click.option("--dask", default="", metavar="ADDRESS", help=text)(run)
-        text = "Processes that read logs; 0: one a core."
-        kind = click.IntRange(min=0)
-        run = click.option("--jobs", type=kind, default=0, show_default=True, metavar="N", help=text)(run)
-        text = "Take logs that look wrong: refusals become notes."
-        run = click.option("--trust", is_flag=True, help=text)(run)
-        run = heldout_option(run) if has_heldout else run
-        run = results_option(run) if has_results else run
-        return recipe_option(run)  # type: ignore[return-value]
-
-    return decorate
-
-
-def heldout_option(function: Decorated) -> Decorated:
-    """``--heldout FILE|posture``, any number of times, as `heldout`: tuple of str."""
-    text = "Logs kept for judging, or each joint's last posture; repeatable."
-    metavar = "FILE|posture"
-    return click.option("--heldout", multiple=True, metavar=metavar, callback=_no_empty, help=text)(function)
-
-
 def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
     """Refuse an empty word: it would mean every log below the working folder."""
     if "" in words:
         raise click.BadParameter("the name is empty; give a file, a folder or a glob among LOGS, or 'posture'")
     return words
+
+
+heldout_option = click.option(
+    "--heldout",
+    multiple=True,
+    metavar="FILE|posture",
+    callback=_no_empty,
+    help="Logs kept for judging, or each joint's last posture; repeatable.",
+)
+trust_option = click.option("--trust", is_flag=True, help="Take logs that look wrong: refusals become notes.")
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(min=0), default=0, metavar="N", help="Processes that read logs; 0: one a core."
+)
+dask_option = click.option(
+    "--dask", default="", show_default=False, metavar="ADDRESS", help="Read logs with workers of this Dask scheduler."
+)
 
 
 def _include(context: click.Context, option: click.Parameter, paths: tuple[Path, ...]) -> None:
@@ -159,6 +143,32 @@ effects_option = click.option(
     callback=_include,
     expose_value=False,
 )
+
+
+def together(function: Decorated, *decorators: Callable[[Decorated], Decorated]) -> Decorated:
+    """A command with several options, the first of which stands first in its help."""
+    for decorate in reversed(decorators):
+        function = decorate(function)
+    return function
+
+
+def experiment_options(*, has_heldout: bool = True, has_results: bool = True) -> Callable[[Decorated], Decorated]:
+    """What tells where an experiment is and how its logs are read, with the argument ``logs`` as `experiment`."""
+
+    def decorate(function: Decorated) -> Decorated:
+        @wraps(function)
+        def run(**values: Any) -> Any:
+            from pumaid.cli.output import counted, remark
+            from pumaid.experiment import Experiment
+
+            names = {"logs", "recipe", "heldout", "results", "trust", "jobs", "dask"} & set(values)
+            asked = {name: values.pop(name) for name in names}
+            return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
+
+        choices = [results_option] * has_results + [heldout_option] * has_heldout
+        return together(run, recipe_option, *choices, trust_option, jobs_option, dask_option)  # type: ignore[return-value]
+
+    return decorate
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +203,5 @@ def model_on_logs(function: Decorated) -> Decorated:
         request = ModelOnLogs(**{item.name: values.pop(item.name) for item in fields(ModelOnLogs)})
         return function(request=request, **values)
 
-    shared = (model_argument, logs_argument, effects_option, picture_option, units_option)
-    for decorate in reversed((*shared, experiment_options(has_results=False), json_option, check_option)):
-        run = decorate(run)
-    return run  # type: ignore[return-value]
+    reading = (model_argument, logs_argument, effects_option, picture_option, units_option)
+    return together(run, *reading, experiment_options(has_results=False), json_option, check_option)  # type: ignore[return-value]

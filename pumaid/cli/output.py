@@ -7,13 +7,17 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
-from click.exceptions import Exit
 
 from pumaid import __version__
-from pumaid.errors import EXIT_ATTENTION, Note, ResultError, Where, visible
+from pumaid.errors import Note, ResultError, Where, visible
+
+if TYPE_CHECKING:
+    from pumaid.dataset import Dataset
+    from pumaid.estimate import Estimate
+    from pumaid.robot import Robot
 
 Step = Callable[[float, str], None]
 
@@ -65,11 +69,11 @@ def tables(*parts: Any) -> None:
         table(part)
 
 
-def write_picture(path: Path, drawing: Any, form: str) -> None:
-    """Write a drawing, and say so."""
+def write_picture(path: Path, drawing: Any) -> None:
+    """Write a drawing in the form of the file's name, and say so."""
     from pumaid.io.write import write_file
 
-    write_file(path, drawing.file(form))
+    write_file(path, drawing.file(path.suffix.lstrip(".").lower()))
     remark(f"picture written to {path}")
 
 
@@ -84,12 +88,10 @@ def document(content: Mapping[str, Any]) -> None:
     click.echo(as_text(head | dict(content), ascii_only=True), nl=False)
 
 
-def picture_form(path: Path | None) -> str:
-    """The form of a picture by its name: ``png``, ``svg`` or ``pdf``; empty where none is asked for."""
-    form = "" if path is None else path.suffix.lstrip(".").lower()
-    if path is not None and form not in ("png", "svg", "pdf"):
-        raise click.BadParameter(f"{path} is no .png, .svg or .pdf", param_hint="--picture")
-    return form
+def effect_files() -> tuple[Path, ...]:
+    """The files that ``--effects`` named in this command."""
+    context = click.get_current_context(silent=True)
+    return () if context is None else context.meta.get("pumaid.effects", ())
 
 
 def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> None:
@@ -98,9 +100,7 @@ def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> 
     `places` is where the command writes (``-`` and none are no files), `read` the files that it works from; the user's
     own effects are taken for granted. ResultError [output-is-input] where a place is one of the files.
     """
-    context = click.get_current_context(silent=True)
-    effects = () if context is None else context.meta.get("pumaid.effects", ())
-    inputs = [path for path in (*read, *effects) if path is not None and str(path) != "-"]
+    inputs = [path for path in (*read, *effect_files()) if path is not None and str(path) != "-"]
     for place in places:
         taken = [] if place is None or str(place) == "-" else [path for path in inputs if _is_same(place, path)]
         if taken:
@@ -115,11 +115,6 @@ def _is_same(one: Path, other: Path) -> bool:
         return one.samefile(other) and one.is_file()
     except OSError:
         return os.path.realpath(one) == os.path.realpath(other)
-
-
-def attention() -> NoReturn:
-    """Leave with exit code 1 (``--check``: something asks for attention)."""
-    raise Exit(EXIT_ATTENTION)
 
 
 @contextmanager
@@ -151,3 +146,11 @@ def counted(done: int, count: int) -> None:
         line = f"reading logs: {done} of {count} files"
         sys.stderr.write(f"\r{line}" if done < count else f"\r{' ' * len(line)}\r")
         sys.stderr.flush()
+
+
+def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:
+    """A model of the runs, as `pumaid.identify` makes it, with progress."""
+    from pumaid.estimation.estimate import identify
+
+    with progress("identifying", total=robot.n_joints) as step:
+        return identify(dataset, robot, progress=lambda joint, text: step(robot.n_joints - joint, text), **choices)

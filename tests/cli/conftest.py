@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
+from command import run
 
 from pumaid.io.recipe import shipped_recipes
+
+SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 
 
 @pytest.fixture
@@ -15,3 +19,20 @@ def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def fitted(tmp_path_factory) -> Path:
+    """The sample pendulum with the model of its logs."""
+    folder = tmp_path_factory.mktemp("fitted") / "arm"
+    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("results"))
+    run("identify", folder / "logs")
+    return folder
+
+
+@pytest.fixture
+def arm(fitted, tmp_path, monkeypatch) -> Path:
+    """A copy of the fitted sample, which is the working folder."""
+    shutil.copytree(fitted, tmp_path / "arm")
+    monkeypatch.chdir(tmp_path / "arm")
+    return tmp_path / "arm"

@@ -7,10 +7,9 @@ import re
 from dataclasses import replace
 
 import pytest
-from click.testing import CliRunner, Result
+from command import answer, run
 from ladders import ARM, STRIBECK, experiment, model
 
-from pumaid.cli import group
 from pumaid.results.history import keep
 
 
@@ -22,31 +21,23 @@ def arm(tmp_path, monkeypatch):
     return tmp_path
 
 
-def history(*arguments: str) -> Result:
-    """Run ``pumaid history``."""
-    return CliRunner().invoke(group, ["history", *arguments])
-
-
 def test_a_row_for_each_model(arm):
     """What was added, the errors and the floor stand in the order of the models; the current one is marked."""
-    done = history()
-    assert done.exit_code == 0, done.stderr
+    done = run("history")
     rows = [line.split() for line in done.stdout.splitlines() if re.match(r"\d", line)]
     assert [row[0] for row in rows[:3]] == ["1", "2", "3"] and rows[2][1] == "*"
     assert "+ stribeck@1" in done.stdout and "+ ripple@2" in done.stdout
     words = " ".join(done.stdout.split())
     assert "RMSE (A) of held-out" not in words and "No run was held out" in words
-
-
-def test_by_joint(arm):
-    """Each joint's errors stand in a row: 0.06, 0.04 and 0.022 A of joint 2 above a floor of 0.01 A."""
-    found = [line.split() for line in history().stdout.splitlines() if line.startswith("2 ")]
-    assert ["2", "fitted", "0.0600", "0.0400", "0.0220", "0.0100"] in found
+    assert ["2", "fitted", "0.0600", "0.0400", "0.0220", "0.0100"] in [
+        line.split() for line in done.stdout.splitlines()
+    ]
 
 
 def test_document_tells_the_ladder(arm):
     """``--json`` is one document: models with what they add, their errors, and the path to the current one."""
-    told = json.loads(history("--json").stdout)
+    told = answer("history --picture ladder.svg")
+    assert (arm / "ladder.svg").read_bytes().startswith(b"<?xml")
     assert (told["kind"], told["format"], told["current"]) == ("history", 1, 3)
     (ladder,) = told["ladders"]
     assert ladder["path"] == [1, 2, 3] and ladder["apart"] is None
@@ -56,37 +47,29 @@ def test_document_tells_the_ladder(arm):
     assert [one["joints"][0]["rmse"] for one in ladder["models"]] == [0.03, 0.02, 0.011]
 
 
-def test_picture_is_written(arm):
-    """The name's ending decides the form; where it went is on standard error."""
-    done = history("--picture", "ladder.svg")
-    assert (arm / "ladder.svg").read_bytes().startswith(b"<?xml")
-    assert done.stderr.splitlines()[-1] == "picture written to ladder.svg"
-
-
 def test_undo(arm):
     """``--restore 2`` makes the second model current, and the ladder ends there."""
-    done = history("--restore", "2", "--json")
-    assert (done.exit_code, "model 2 is the current one again" in done.stderr) == (0, True)
-    told = json.loads(done.stdout)
+    assert "model 2 is the current one again" in run("history", "--restore", "2").stderr
+    told = answer("history")
     assert told["current"] == 2 and told["ladders"][0]["path"] == [1, 2]
     assert json.loads((arm / "results" / "model.json").read_text())["effects"][0]["effect"] == "stribeck"
     keep(arm / "results" / "model.json", replace(model(STRIBECK, rmse=0.031), method="recursive"), ARM)
-    assert "fitted again" in history().stdout
+    assert "fitted again" in run("history").stdout
 
 
-@pytest.mark.parametrize("arguments", [("..",), ("../results",), ("--results", "../results")])
+@pytest.mark.parametrize("arguments", ["..", "../results", "--results ../results"])
 def test_folder_may_be_named(arm, monkeypatch, arguments):
     """The experiment's folder, its results, or ``--results`` lead to the same ladder."""
     (arm / "logs").mkdir()
     monkeypatch.chdir(arm / "logs")
-    assert json.loads(history(*arguments, "--json").stdout)["current"] == 3
+    assert answer(f"history {arguments}")["current"] == 3
 
 
 def test_models_of_other_logs_stand_apart(arm):
     """They are a table of their own that says why it must not be compared."""
     keep(arm / "results" / "model.json", model(STRIBECK, rmse=0.5, logs={"b.csv": "ef" * 32}), ARM)
     keep(arm / "results" / "model.json", model(), ARM)
-    out = history().stdout
+    out = run("history").stdout
     assert "Not comparable with the models above: fitted to other logs" in out
     assert out.index("0.0600") < out.index("Not comparable")
 
@@ -94,5 +77,5 @@ def test_models_of_other_logs_stand_apart(arm):
 def test_nothing_kept(tmp_path, monkeypatch):
     """An experiment without a model is bad input, with the command that makes one."""
     monkeypatch.chdir(tmp_path)
-    done = history()
-    assert done.exit_code == 3 and "error[no-history]" in done.stderr and "pumaid identify" in done.stderr
+    told = run("history", code=3).stderr
+    assert "error[no-history]" in told and "pumaid identify" in told

@@ -2,44 +2,38 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 from pathlib import Path
 
+import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from command import answer, run
+from urdfs import Stated, serial_text, tree_text
 
-from pumaid.cli import group
 from pumaid.io.recipe import read_recipe, shipped_recipes
 
+ARM = serial_text([Stated(xyz=(0, 0, 0.3)), Stated("fixed"), Stated(rpy=(-np.pi / 2, 0, 0)), Stated(xyz=(0.4, 0, 0))])
+PAN = '<link name="eye"/><joint name="pan" type="continuous"><parent link="l1"/><child link="eye"/></joint></robot>'
 
-@pytest.fixture
-def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A function that runs ``pumaid init ...`` in an empty folder."""
+
+@pytest.fixture(autouse=True)
+def working_folder(tmp_path, monkeypatch):
+    """A folder with nothing but a URDF."""
     monkeypatch.chdir(tmp_path)
-    return lambda *words: CliRunner().invoke(group, ["init", *words], prog_name="pumaid")
-
-
-def run(result: Result, code: int = 0) -> Result:
-    assert result.exit_code == code, result.output
-    return result
+    Path("arm.urdf").write_text(ARM)
 
 
 @pytest.mark.parametrize("name", sorted(shipped_recipes()))
-def test_a_written_recipe_is_the_shipped_robot(init, name: str) -> None:
-    """What init writes reads back as the shipped robot, with remarks on what to change."""
-    run(init(name))
-    written = read_recipe(Path("recipe.yaml"))
-    assert written.joints == read_recipe(shipped_recipes()[name]).joints
+def test_a_written_recipe_is_the_shipped_robot(name):
+    """What init writes reads back as the shipped robot, with remarks; also where the # of the log block are taken away.
+
+    The columns are then the canonical ones or the controller's.
+    """
+    assert answer(f"init {name}")["sha256"] == read_recipe(Path("recipe.yaml")).digest
+    assert read_recipe(Path("recipe.yaml")).joints == read_recipe(shipped_recipes()[name]).joints
     text = Path("recipe.yaml").read_text(encoding="utf-8")
     assert f"pumaid init {name}" in text
-    assert "# log:" in text
-
-
-@pytest.mark.parametrize("name", sorted(shipped_recipes()))
-def test_the_log_block_works_when_uncommented(init, name: str) -> None:
-    """Taking away the # of the log block gives a recipe that reads, with canonical columns or the controller's."""
-    run(init(name))
-    lines = Path("recipe.yaml").read_text(encoding="utf-8").splitlines()
+    lines = text.splitlines()
     start = next(place for place, line in enumerate(lines) if line.startswith("# log:"))
     block = [line[2:] if line.startswith("# ") and not line.startswith("# Physics") else line for line in lines[start:]]
     end = next(place for place, line in enumerate(block) if not line.strip() or line.startswith("#"))
@@ -47,59 +41,63 @@ def test_the_log_block_works_when_uncommented(init, name: str) -> None:
     assert read_recipe(Path("recipe.yaml")).log.current
 
 
-def test_a_blank_recipe_has_the_joints_asked_for(init) -> None:
-    """``blank --joints 4`` is a readable recipe of four joints."""
-    run(init("blank", "--joints", "4", "-o", "arm/recipe.yaml"))
+def test_where_it_goes():
+    """To a file, a folder or standard output; what is there stays without --force."""
+    run("init", "blank", "--joints", "4", "-o", "arm/recipe.yaml")
     assert read_recipe(Path("arm/recipe.yaml")).n_joints == 4
+    assert "--force" in run("init", "ur5e", "-o", "arm", code=3).stderr
+    run("init", "ur5e", "-o", "arm", "--force")
+    assert read_recipe(Path("arm/recipe.yaml")).n_joints == 6
+    assert "name: Franka Emika Panda" in run("init", "panda", "-o", "-").stdout
+    assert not Path("recipe.yaml").exists()
 
 
-def test_a_folder_gets_a_recipe_yaml(init) -> None:
-    """``-o FOLDER`` writes recipe.yaml into it."""
-    Path("arm").mkdir()
-    run(init("ur5e", "-o", "arm"))
-    assert Path("arm/recipe.yaml").is_file()
-
-
-def test_an_existing_recipe_is_kept(init) -> None:
-    """Nothing is replaced without --force; the message says how."""
-    Path("recipe.yaml").write_text("mine\n")
-    result = run(init("ur5e"), 3)
-    assert "--force" in result.stderr
-    assert Path("recipe.yaml").read_text() == "mine\n"
-    run(init("ur5e", "--force"))
-    assert read_recipe(Path("recipe.yaml")).n_joints == 6
-
-
-def test_standard_output(init) -> None:
-    """``-o -`` prints the recipe and writes nothing."""
-    result = run(init("panda", "-o", "-"))
-    assert "name: Franka Emika Panda" in result.stdout
-    assert not list(Path().iterdir())
-
-
-def test_list_names_every_robot(init) -> None:
+def test_list_names_every_robot():
     """--list shows all shipped names, and --json the same as one document."""
-    shown = run(init("--list")).stdout
-    document = json.loads(run(init("--list", "--json")).stdout)
-    assert [row["name"] for row in document["recipes"]] == list(shipped_recipes())
+    shown = run("init", "--list").stdout
+    assert [row["name"] for row in answer("init --list")["recipes"]] == list(shipped_recipes())
     assert all(name in shown for name in shipped_recipes())
 
 
-def test_json_says_what_was_written(init) -> None:
-    """--json prints one document with the file and its digest, and nothing on standard error but notes."""
-    document = json.loads(run(init("puma560", "--json")).stdout)
-    assert document["sha256"] == read_recipe(Path(document["file"])).digest
+def test_a_urdf_becomes_a_recipe():
+    """The file is a recipe of the URDF's joints, of which a plan can be made; people get a table and the next step."""
+    done = run("init", "--urdf", "arm.urdf")
+    assert [joint.name for joint in read_recipe(Path("recipe.yaml")).joints] == ["j1", "j3", "j4"]
+    assert [row for row in done.stdout.splitlines() if " j3 " in row and " -90 " in row]
+    assert "pumaid plan recipe.yaml" in done.stderr
+    run("plan", "recipe.yaml", "--minutes", "5")
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["puma650"], "puma560"),
-        ([], "ur3e"),
-        (["ur3e", "--joints", "3"], "--joints"),
-        (["blank", "--joints", "0"], "0"),
-    ],
-)
-def test_wrong_usage(init, words: list[str], said: str) -> None:
-    """A misspelt or missing name and odd numbers of joints are wrong usage, answered with what would do."""
-    assert said in run(init(*words), 2).stderr
+def test_the_recipe_says_where_it_is_from():
+    """Name, links and digest of the URDF, where the base stands, and what a user may add."""
+    text = run("init", "--urdf", "arm.urdf", "-o", "-").stdout
+    pieces = (
+        hashlib.sha256(ARM.encode()).hexdigest(),
+        "pumaid init --urdf arm.urdf --base l0 --tip l4",
+        "the base (frame 0) is its link l0",
+        "# log:",
+        "# effects:",
+        "placement: {xyz: [0.0, 0.0, 0.0], rpy: [-pi/2, 0, 0], axis: [0.0, 0.0, 1.0]}",
+    )
+    assert [piece for piece in pieces if piece not in text] == [] and not Path("recipe.yaml").exists()
+
+
+def test_json_tells_what_was_done():
+    """One document: the file, each joint, what was folded in and left out."""
+    Path("arm.urdf").write_text(ARM.replace("</robot>", PAN))
+    document = answer("init --urdf arm.urdf")
+    made = document["urdf"]
+    assert document["sha256"] == read_recipe(Path("recipe.yaml")).digest
+    assert [joint["name"] for joint in made["joints"]] == ["j1", "j3", "j4"]
+    assert (made["base"], made["tip"], made["folded"]) == ("l0", "l4", ["j2"])
+    assert made["left_out"] == {"carried": ["pan"], "elsewhere": []}
+    assert np.shape(made["joints"][0]["placement"]) == (4, 4)
+    assert [note["note"] for note in made["notes"]] == ["urdf-left-out"]
+
+
+def test_the_command_that_a_refusal_names_works():
+    """The options for one of several chains can be typed as they are told."""
+    Path("two.urdf").write_text(tree_text(("l1", "base", "a"), ("l2", "a", "b"), ("r1", "base", "c"), ("r2", "c", "d")))
+    told = run("init", "--urdf", "two.urdf", code=3).stderr
+    run("init", "--urdf", "two.urdf", *told.split("say which one: ")[1].split(" (")[0].split())
+    assert [joint.name for joint in read_recipe(Path("recipe.yaml")).joints] == ["l1", "l2"]

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
+from command import run
 
 import pumaid.effects
-from pumaid.cli import group
 from pumaid.effects import catalogue
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
@@ -35,7 +35,7 @@ class Brake(Effect):
 
 #: A per rad2 that the logs of these tests have more at joint 2 than the sample has.
 SIZE = 0.05
-KNOWN = ("--effects", "brake.py")
+KNOWN = "--effects brake.py"
 
 
 @pytest.fixture(autouse=True)
@@ -52,11 +52,11 @@ def forget() -> None:
     catalogue.cache_clear()
 
 
-def typed(folder: Path, *line: str) -> Result:
+def typed(folder: Path, line: str, code: int = 0) -> Result:
     """``pumaid`` in a folder with nothing included before."""
     forget()
     with contextlib.chdir(folder):
-        return CliRunner().invoke(group, list(line))
+        return run(*line.split(), code=code)
 
 
 def rubbed(folder: Path) -> Path:
@@ -74,73 +74,66 @@ def rubbed(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def braked(tmp_path_factory) -> Path:
-    """An experiment whose model holds the effect of ``brake.py``, added to one without."""
-    folder = rubbed(tmp_path_factory.mktemp("braked") / "arm")
-    for more in ((), ("--add", "brake@2", *KNOWN)):
-        done = typed(folder, "identify", "logs", *more)
-        assert done.exit_code == 0, done.stderr
+def plain(tmp_path_factory) -> Path:
+    """An experiment whose model lacks the effect of ``brake.py``, and its diagnosis that knows the file."""
+    folder = rubbed(tmp_path_factory.mktemp("plain") / "arm")
+    typed(folder, "identify logs")
+    typed(folder, f"diagnose results/model.json logs {KNOWN}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def braked(plain, tmp_path_factory) -> Path:
+    """The experiment after the command that diagnosis told."""
+    folder = shutil.copytree(plain, tmp_path_factory.mktemp("braked") / "arm")
+    (finding,) = json.loads((folder / "results" / "diagnosis.json").read_text())["findings"]
+    assert (finding["effect"], finding["joint"]) == ("brake", 2)
+    assert finding["command"] == "pumaid identify logs --effects brake.py --add brake@2"
+    typed(folder, finding["command"].removeprefix("pumaid "))
     return folder
 
 
 @pytest.mark.parametrize(
     "line", ["compare results/model.json logs --json", "diagnose results/model.json logs --apply", "report"]
 )
-def test_the_file_is_asked_for_again(braked, monkeypatch, line):
+def test_the_file_is_asked_for_again(braked, line):
     """A model with an effect that only a file brings is refused: which effect, which option, and nothing written."""
-    monkeypatch.chdir(braked)
     before = sorted(braked.rglob("*"))
-    done = CliRunner().invoke(group, line.split())
-    assert done.exit_code == 3 and not done.stdout
-    assert done.stderr.startswith("error[unknown-effect]: the model holds brake,")
-    assert done.stderr.count("error[") == 1 and "--effects FILE.py" in done.stderr and "Traceback" not in done.stderr
+    told = typed(braked, line, code=3)
+    assert told.stdout == "" and told.stderr.startswith("error[unknown-effect]: the model holds brake,")
+    assert told.stderr.count("error[") == 1 and "--effects FILE.py" in told.stderr
     assert sorted(braked.rglob("*")) == before
 
 
-def test_history_needs_no_file(braked, tmp_path, monkeypatch):
+def test_history_needs_no_file(braked, tmp_path):
     """Errors that were kept are told, and a model is restored, also where the file is lost; a note says it is."""
-    monkeypatch.chdir(shutil.copytree(braked, tmp_path / "arm"))
-    told = CliRunner().invoke(group, ["history"])
-    assert told.exit_code == 0 and "brake@2" in told.stdout
+    folder = shutil.copytree(braked, tmp_path / "arm")
+    told = typed(folder, "history")
+    assert "brake@2" in told.stdout
     assert told.stderr.startswith("note[unknown-effect]: the model holds brake,") and "--effects FILE.py" in told.stderr
-    back = CliRunner().invoke(group, ["history", "--restore", "1"])
-    assert back.exit_code == 0 and "note[" not in back.stderr
-    assert CliRunner().invoke(group, ["report", "--table", "csv"]).exit_code == 0
+    assert "note[" not in typed(folder, "history --restore 1").stderr
+    typed(folder, "report --table csv")
 
 
-@pytest.mark.parametrize("line", ["diagnose results/model.json logs --check", "report --table text"])
-def test_the_file_makes_it_known(braked, line):
-    """With the file named, the model is used as any other, and nothing is missing from it."""
-    done = typed(braked, *line.split(), *KNOWN)
-    assert done.exit_code == 0, done.stderr
-    assert "error[" not in done.stderr and "unknown-effect" not in done.stderr
+def test_the_file_makes_it_known(braked):
+    """With the file named, the model is used as any other; what was put into the log comes back, and the error falls.
 
-
-def test_its_size_is_what_the_logs_have(braked):
-    """What was put into the log comes back within four standard errors, and the error falls to the noise floor."""
-    done = typed(braked, "compare", "results/model.json", "logs", "--json", *KNOWN)
-    assert done.exit_code == 0 and "unknown-effect" not in done.stderr
-    second = json.loads(done.stdout)["joints"][1]
+    Within four standard errors, and to the noise floor.
+    """
+    told = typed(braked, f"compare results/model.json logs --json {KNOWN}")
+    assert "unknown-effect" not in told.stderr
+    second = json.loads(told.stdout)["joints"][1]
     assert second["rmse"] < 1.1 * second["noise_floor"]
-    rows = typed(braked, "report", "--table", "json", *KNOWN).stdout
-    (found,) = [one for one in json.loads(rows) if one["name"] == "brake.j2.a"]
-    assert abs(found["value"] - SIZE) < 4.0 * found["std_error"]
+    rows = json.loads(typed(braked, f"report --table json {KNOWN}").stdout)
+    (size,) = [row for row in rows if row["name"] == "brake.j2.a"]
+    assert abs(size["value"] - SIZE) < 4.0 * size["std_error"]
 
 
-def test_diagnose_finds_it_and_says_what_to_type(tmp_path):
-    """Of a model without it, the command that is told names the file; typed as it stands, it adds the effect."""
-    folder = rubbed(tmp_path / "arm")
-    typed(folder, "identify", "logs")
-    found = json.loads(typed(folder, "diagnose", "results/model.json", "logs", "--json", *KNOWN).stdout)["findings"]
-    assert [(one["effect"], one["joint"]) for one in found] == [("brake", 2)]
-    assert found[0]["command"] == "pumaid identify logs --effects brake.py --add brake@2"
-    # What was found with the file is not kept for a command that does not name it.
-    without = json.loads(typed(folder, "diagnose", "results/model.json", "logs", "-o", "-").stdout)["findings"]
-    assert "brake" not in [one["effect"] for one in without]
-    page = typed(folder, "report", "--format=")  # the model has no brake, only the diagnosis beside it
-    assert page.exit_code == 0, page.stderr
-    assert typed(folder, *found[0]["command"].split()[1:]).exit_code == 0
-    assert "brake@2" in typed(folder, "history").stdout
+def test_a_diagnosis_that_names_it_can_be_shown_without_the_file(plain):
+    """The model has no brake, only the diagnosis beside it; what was found with the file is not kept without it."""
+    typed(plain, "report --format=")
+    found = json.loads(typed(plain, "diagnose results/model.json logs -o -").stdout)["findings"]
+    assert "brake" not in [finding["effect"] for finding in found]
 
 
 def test_a_file_that_has_changed_is_refused(braked, tmp_path):
@@ -148,14 +141,12 @@ def test_a_file_that_has_changed_is_refused(braked, tmp_path):
     (tmp_path / "brake.py").write_text(
         OWN.replace('"a", "A/', '"b", "A/').replace("s * a *", "s * b *"), encoding="utf-8"
     )
-    done = typed(braked, "report", "--effects", str(tmp_path / "brake.py"))
-    assert done.exit_code == 3 and "Traceback" not in done.stderr
-    assert done.stderr.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in done.stderr
+    told = typed(braked, f"report --effects {tmp_path / 'brake.py'}", code=3).stderr
+    assert told.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in told
 
 
 def test_marks_in_its_title_are_text(tmp_path):
     """What the terminal would take for an end of bold is shown as it is written."""
     (tmp_path / "brake.py").write_text(OWN.replace("Rubbing brake", "Rubbing [/bold] [red]brake"), encoding="utf-8")
-    for line in (["effects"], ["effects", "brake"]):
-        done = typed(tmp_path, *line, *KNOWN)
-        assert done.exit_code == 0 and "[/bold]" in done.stdout, done.stderr
+    for line in ("effects", "effects brake"):
+        assert "[/bold]" in typed(tmp_path, f"{line} {KNOWN}").stdout

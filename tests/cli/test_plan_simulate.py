@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+import shutil
+import warnings
+from pathlib import Path
 
+import numpy as np
 import pytest
-from click.testing import Result
-from command import run
-from menus import arm, write_short_plan
+from command import answer, run
+from menus import arm as shipped
+from menus import write_short_plan
 
-from pumaid.io.plan_file import read_plan
+from pumaid.io.plan_file import plan_text, read_plan
+from pumaid.io.recipe import read_recipe
+from pumaid.simulation import table1
 
-
-def small(*more: str) -> Result:
-    """The shortest plan."""
-    return run("plan", "--speeds", "0.5,0.7,0.95", "--postures", "2", "--replicates", "1", *more)
+#: The least work: a short plan of two joints.
+SHORT = ("--speeds", "0.5,0.7,0.95", "--postures", "2", "--replicates", "1")
+LINE = " ".join(SHORT)
+SIMULATE = ("simulate", "--rate", "20")
 
 
 @pytest.fixture
@@ -25,92 +31,126 @@ def ready(folder):
 
 
 def test_plan_writes_beside_the_recipe_and_shows_a_table(folder):
-    """The plan's file, and what people want to know of it; it stays until --force."""
-    found = small()
+    """The plan's file, what people want to know of it, postures and timetable drawn; it stays until --force."""
+    done = run("plan", *SHORT, "--picture", "postures.png")
     assert (folder / "plan.yaml").read_text().splitlines()[3] == "kind: plan"
-    assert "Predicted standard errors" in found.stdout
-    assert "hip" in found.stdout
-    assert "plan written to plan.yaml" in found.stderr
+    assert "Predicted standard errors" in done.stdout and "hip" in done.stdout
+    assert "plan written to plan.yaml" in done.stderr
+    assert {"postures.png", "postures-timetable.png"} <= {path.name for path in folder.iterdir()}
     (folder / "plan.yaml").write_text("mine")
     assert "--force" in run("plan", code=3).stderr
     assert (folder / "plan.yaml").read_text() == "mine"
-    small("--force")
+    run("plan", *SHORT, "--force")
     assert (folder / "plan.yaml").read_text() != "mine"
 
 
 def test_plan_on_standard_output_is_a_document_or_a_plan(folder):
     """--json prints one document, in rad; -o - a plan that can be read again, in either form, and writes no file."""
-    document = json.loads(small("--json", "-o", "p.yaml").stdout)
+    document = answer(f"plan {LINE} -o p.yaml")
     assert (document["kind"], document["format"], document["units"]) == ("plan", 1, {"angle": "rad"})
     assert set(document["runs"][0]) == {"joint", "hold", "from", "to", "velocity", "purpose"}
-    assert {run["purpose"] for run in document["runs"]} == {"fit", "heldout"}
-    assert max(abs(run["to"]) for run in document["runs"]) < 3.0
+    assert {entry["purpose"] for entry in document["runs"]} == {"fit", "heldout"}
+    assert max(abs(entry["to"]) for entry in document["runs"]) < 3.0
     plans = []
     for form in ("yaml", "csv"):
-        (folder / f"again.{form}").write_text(small("-o", "-", "--format", form).stdout)
-        plans.append(read_plan(folder / f"again.{form}", arm("pendulum2")))
+        (folder / f"again.{form}").write_text(run("plan", *SHORT, "-o", "-", "--format", form).stdout)
+        plans.append(read_plan(folder / f"again.{form}", shipped("pendulum2")))
     assert len(plans[0].motions) == len(document["runs"]) and plans[0].motions == plans[1].motions
     assert not (folder / "plan.yaml").exists()
+    run("plan", *SHORT, "--format", "ros2")
+    assert (folder / "plan.ros2.yaml").stat().st_size > 500
 
 
-def test_csv_plan_is_executed(ready):
-    """A plan in CSV drives the virtual robot as one in YAML does: same seed, same bytes."""
+def test_prior_is_a_model_of_this_arm(arm):
+    """A model identified from logs is planned for."""
+    assumed = answer(f"plan --prior results/model.json {LINE} -o next.yaml")["assumptions"]
+    assert any("as of the earlier model" in sentence for sentence in assumed)
+
+
+def test_a_tilted_arm_is_rehearsed_by_its_recipe(folder):
+    """Beside the plan stands a recipe with gravity turned, not replaced unasked; its session can be run."""
+    run("plan", "--tilt", "10,0", *SHORT)
+    made = folder / "plan-recipe.yaml"
+    turned = 9.80665 * np.sin(np.radians([10.0, 80.0]))
+    assert read_recipe(made).gravity == pytest.approx((0.0, *-turned))
+    run("simulate", "plan-recipe.yaml", "--plan", "plan.yaml", "--rate", "10")
+    (folder / "plan.yaml").unlink()
+    made.write_text("mine")
+    assert "plan-recipe.yaml" in run("plan", "--tilt", "10,0", *SHORT, code=3).stderr
+    assert made.read_text() == "mine" and not (folder / "plan.yaml").exists()
+
+
+def test_runs_for_an_effect(folder):
+    """--for adds runs of that joint to a short experiment; --size, --against and a shape are heard."""
+    base, more = answer(f"plan {LINE} -o a.yaml")["runs"], answer(f"plan --for stribeck@knee {LINE} -o b.yaml")["runs"]
+    assert more[: len(base)] == base
+    assert {entry["joint"] for entry in more[len(base) :]} == {2}
+    assert len(answer(f"plan --for stribeck@2 --size 0.03 {LINE} -o c.yaml")["runs"]) > len(more)
+    apart = answer(f"plan --for stribeck@2 --against viscous_power {LINE} -o d.yaml")
+    assert "from viscous_power@2" in apart["assumptions"][-1]
+
+
+def test_runs_for_an_effect_after_logs(arm):
+    """With --logs the plan holds the new runs only, by the recipe that was given, not the one beside the logs."""
+    found = answer("plan --for stribeck@2 --logs logs --size 0.05 -o more.yaml")
+    assert {entry["joint"] for entry in found["runs"]} == {2}
+    other = shutil.copytree(arm / "logs", arm / "other" / "logs").parent
+    (other / "recipe.yaml").write_text("nonsense")
+    for recipe, said in (("puma560", "error[column-missing]"), ("recipe.yaml", "clock")):
+        if recipe == "recipe.yaml":
+            (arm / recipe).write_text((arm / recipe).read_text() + "log: {time: clock}\n")
+        line = ("plan", recipe, "--for", "stribeck@2", "--logs", "other/logs", "-o", "p.yaml")
+        assert said in run(*line, code=3).stderr
+
+
+def test_a_looked_at_plan_is_written_where_asked(folder):
+    """--check writes nothing unasked; -o - prints the plan with what it promises, which can be read again."""
+    run("plan", "--minutes", "3")
+    before = sorted(path.name for path in folder.iterdir())
+    assert answer("plan --check plan.yaml")["expected_std_errors"]
+    assert sorted(path.name for path in folder.iterdir()) == before
+    (folder / "again.yaml").write_text(run("plan", "--check", "plan.yaml", "-o", "-").stdout, encoding="utf-8")
+    assert "--force" in run("plan", "--check", "again.yaml", "-o", "plan.yaml", code=3).stderr
+    run("plan", "--check", "again.yaml", "-o", "plan.yaml", "--force")
+    assert "expected_std_errors" in (folder / "plan.yaml").read_text()
+
+
+def test_the_papers_plan_asks_for_attention(folder):
+    """Written out and checked by the PUMA's recipe it leaves with 1 and says what it lacks."""
+    (folder / "paper.yaml").write_text(plan_text(table1.experiment(), table1.robot()), encoding="utf-8")
+    told = run("plan", "puma560", "--check", "paper.yaml", code=1).stderr
+    lacks = " ".join(line for line in told.splitlines() if "plan-lacks" in line)
+    assert all(f"joint {number} (" in lacks for number in range(1, 7))
+
+
+def test_a_truth_and_a_plan_in_csv_are_simulated_again(ready):
+    """An earlier truth.json, given by --truth, is the same robot: without noise the same logs, also of a CSV plan."""
     write_short_plan(ready / "plan.csv")
-    for form in ("csv", "yaml"):
-        run("simulate", "--plan", f"plan.{form}", "--rate", "20", "--format", "csv", "-o", form)
-    assert (ready / "csv" / "session_01.csv").read_bytes() == (ready / "yaml" / "session_01.csv").read_bytes()
+    same = ("--noise", "0", "--format", "csv", "--seed", "3")
+    run(*SIMULATE, *same, "-o", "first")
+    run(*SIMULATE, *same, "-o", "second", "--truth", "first/truth.json", "--plan", "plan.csv")
+    assert (ready / "first" / "session_01.csv").read_bytes() == (ready / "second" / "session_01.csv").read_bytes()
 
 
 def test_simulate_writes_logs_and_truth(ready):
     """A file for so many runs, and what the robot was; --force replaces simulated logs and never others."""
-    found = run("simulate", "--seed", "3", "--rate", "20", "--runs-per-file", "2", "--json")
-    files = json.loads(found.stdout)["files"]
-    assert [one["file"] for one in files] == [path.name for path in sorted((ready / "logs").glob("*.parquet"))]
+    files = answer("simulate --seed 3 --rate 20 --runs-per-file 2")["files"]
+    assert [entry["file"] for entry in files] == [path.name for path in sorted((ready / "logs").glob("*.parquet"))]
     assert len(files) > 1
     truth = json.loads((ready / "logs" / "truth.json").read_text())
     assert truth["kind"] == "truth"
     assert {"gravity.l1.x", "coulomb.j2.minus", "gain_ratio.1.2"} <= set(truth["parameters"])
-    assert "--force" in run("simulate", "--rate", "20", code=3).stderr
-    run("simulate", "--rate", "20", "--force")
+    assert "--force" in run(*SIMULATE, code=3).stderr
+    run(*SIMULATE, "--force")
     (ready / "logs" / "mine.csv").write_text("t,q1\n")
-    assert "mine.csv" in run("simulate", "--rate", "20", "--force", code=3).stderr
+    assert "mine.csv" in run(*SIMULATE, "--force", code=3).stderr
     assert (ready / "logs" / "mine.csv").exists()
 
 
 def test_simulate_streams_to_a_pipe(ready):
     """-o - is one CSV with a header, and no folder."""
-    lines = run("simulate", "--rate", "10", "--no-velocity", "-o", "-").stdout.splitlines()
-    assert lines[0] == "t,q1,q2,i1,i2"
+    assert run(*SIMULATE, "--no-velocity", "-o", "-").stdout.splitlines()[0] == "t,q1,q2,i1,i2"
     assert not (ready / "logs").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "told"),
-    [
-        (("simulate",), 3, "plan.yaml"),
-        (("plan", "--minutes", "0.1"), 3, "--minutes"),
-        (("plan", "--speeds", "fast"), 2, "speeds"),
-    ],
-)
-def test_what_is_missing_or_too_little_is_told(folder, words, code, told):
-    """Without a plan the message says which file was looked for, of too short a budget what is enough."""
-    assert told in run(*words, code=code).output
-
-
-def test_a_truth_is_simulated_again(ready):
-    """An earlier truth.json, given by --truth, is the same robot: without noise the same logs, whatever the seed."""
-    for name, more in (("first", ["--seed", "3"]), ("second", ["--seed", "3", "--truth", "first/truth.json"])):
-        run("simulate", "--rate", "20", "--noise", "0", "--format", "csv", "-o", name, *more)
-    assert (ready / "first" / "session_01.csv").read_bytes() == (ready / "second" / "session_01.csv").read_bytes()
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"kind": "model"}', '{"kind": "truth", "format": 1}', "table1"])
-def test_what_is_no_truth_is_refused(ready, text):
-    """Nothing, a list, a model, a document without entries, the paper's six joints for a pendulum of two."""
-    (ready / "truth.json").write_text(text)
-    truth = "table1" if text == "table1" else "truth.json"
-    told = run("simulate", "--truth", truth, code=3).stderr
-    assert ("is it the truth of another robot?" if text == "table1" else "error[") in told
 
 
 def test_hidden_effects_are_in_the_truth_and_temperatures_in_the_log(ready):
@@ -121,9 +161,21 @@ def test_hidden_effects_are_in_the_truth_and_temperatures_in_the_log(ready):
         "needed": ["--hide", "thermal_friction@1"],
     }
     for name, more in options.items():
-        run("simulate", "--rate", "20", "--format", "csv", "-o", name, *more)
+        run(*SIMULATE, "--format", "csv", "-o", name, *more)
     hidden = json.loads((ready / "plain" / "truth.json").read_text())["hidden"]
-    assert [(one["effect"], one["joint"]) for one in hidden] == [("stribeck", 2), ("spring", 1)]
+    assert [(entry["effect"], entry["joint"]) for entry in hidden] == [("stribeck", 2), ("spring", 1)]
     assert "did you mean spring?" in run("simulate", "--hide", "sprint", "-o", "other", code=3).stderr
     heads = {name: (ready / name / "session_01.csv").read_text().split("\n")[0] for name in options}
     assert ["temp2" in head for head in heads.values()] == [False, True, True]
+
+
+def test_an_edited_truth_of_absurd_size_is_refused(ready):
+    """What numpy says of it is not shown."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(*SIMULATE, "--hide", "stribeck@2:a=1e6", "-o", "stuck")
+        truth = json.loads((ready / "stuck" / "truth.json").read_text())
+        truth["mass"][0] = 1e308
+        Path("edited.json").write_text(json.dumps(truth))
+        assert "error[truth-wrong]" in run("simulate", "--truth", "edited.json", code=3).stderr
+    assert not (ready / "logs").exists()

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import shutil
 
 import pytest
-from click.testing import CliRunner
+from command import answer, run
 from motion_worlds import World, make
 
-from pumaid.cli import group
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import write_log
 
@@ -27,17 +25,10 @@ def logs(tmp_path_factory):
     return folder / "logs"
 
 
-def run(*arguments):
-    """The command's result with standard output and error apart."""
-    return CliRunner().invoke(group, ["segment", *map(str, arguments)])
-
-
 @pytest.fixture(scope="module")
 def document(logs):
     """The JSON of these logs."""
-    result = run(logs, "--json")
-    assert result.exit_code == 0, result.stderr
-    return json.loads(result.stdout)
+    return answer(f"segment {logs}")
 
 
 def test_json_is_one_document_with_every_sample(document):
@@ -52,7 +43,7 @@ def test_json_is_one_document_with_every_sample(document):
 
 def test_table_tells_runs_and_reasons(logs, document):
     """The table names the joints and ends with what was left out, each stretch by its rows."""
-    result = run(logs, "--units", "deg", "--rejects")
+    result = run("segment", logs, "--units", "deg", "--rejects")
     first = document["rejects"][0]
     words = [f"{len(document['runs'])} runs at constant speed", "speed (deg/s)", "Not used:", "ramp"]
     assert [word for word in [*words, f"{first['first_row']}–{first['last_row']}"] if word not in result.stdout] == []
@@ -60,30 +51,19 @@ def test_table_tells_runs_and_reasons(logs, document):
 
 def test_csv_has_a_line_a_run(logs, document):
     """The CSV holds the same runs, postures as columns."""
-    rows = list(csv.DictReader(io.StringIO(run(logs, "--csv").stdout)))
+    rows = list(csv.DictReader(io.StringIO(run("segment", logs, "--csv").stdout)))
     assert [int(row["joint"]) for row in rows] == [entry["joint"] for entry in document["runs"]]
     assert rows[0][f"q{rows[0]['joint']}"] == ""
 
 
 def test_picture_is_written(logs, tmp_path):
     """The picture's form follows its ending."""
-    picture = tmp_path / "runs.png"
-    result = run(logs, "--picture", picture, "--json")
-    assert result.exit_code == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert json.loads(result.stdout)["kind"] == "segments"
-
-
-@pytest.mark.parametrize(
-    "wrong", [("--picture", "runs.gif"), ("--json", "--csv"), ("--min-duration", "0"), ("--speed-tolerance", "2")]
-)
-def test_misuse_is_code_2(logs, wrong):
-    """Impossible options are refused before anything is read."""
-    assert run(logs, *wrong).exit_code == 2
+    assert answer(f"segment {logs} --picture {tmp_path / 'runs.png'}")["kind"] == "segments"
+    assert (tmp_path / "runs.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_thresholds_reach_the_segmentation(logs, document):
     """Asking for longer runs leaves fewer, and says why."""
     longest = max(entry["duration"] for entry in document["runs"])
-    result = run(logs, "--min-duration", longest, "--kinds", "constant", "--json")
-    assert len(json.loads(result.stdout)["runs"]) < len(document["runs"])
+    found = answer(f"segment {logs} --min-duration {longest} --kinds constant")
+    assert len(found["runs"]) < len(document["runs"])

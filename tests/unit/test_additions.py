@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 from searches import lever
 
-from pumaid.cli import additions
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import ADD, Diagnosis, Finding
@@ -23,7 +22,7 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     """The model on disk stays, the user is told both errors, and nothing more is added; a better fit is kept."""
     lab, told = lever(), []
     estimate = replace(lab.estimate, joints=tuple(replace(one, rmse=0.02) for one in lab.estimate.joints))
-    monkeypatch.setattr(additions, "identify", lambda *args, **more: stretched(estimate, factor))
+    monkeypatch.setattr("pumaid.estimation.estimate.identify", lambda *args, **more: stretched(estimate, factor))
     found = Finding("spring", 1, {}, ADD, ("counterbalance",), 0.001, "", "")
     diagnosis = Diagnosis(lab.robot.name, (), (found,))
     done, last = added(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import attention, document, notes, picture_form, remark, table, write_picture
+from pumaid.cli.output import document, notes, remark, tables, write_picture
 
 
 @click.command()
-@click.option("--worst", type=click.IntRange(min=0), default=5, show_default=True, help="How many runs to list.")
+@click.option("--worst", type=click.IntRange(min=0), default=5, help="How many runs to list.")
 @options.model_on_logs
-def command(*, request: options.ModelOnLogs, worst: int) -> None:
+def command(*, request: options.ModelOnLogs, worst: int) -> bool:
     """Hold a model against logs, also ones that it never saw, and see where it fails.
 
     \b
@@ -20,9 +20,10 @@ def command(*, request: options.ModelOnLogs, worst: int) -> None:
       pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
       pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
     """
-    form = picture_form(request.picture)
     request.spare_inputs([request.picture])
     estimate, robot, dataset = request.read()
+    from rich.console import Group
+
     from pumaid.diagnosis.compare import compare
     from pumaid.reporting.context import ReportContext
     from pumaid.reporting.documents import comparison_document
@@ -31,23 +32,18 @@ def command(*, request: options.ModelOnLogs, worst: int) -> None:
     from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
 
-    comparison = compare(estimate, dataset, robot)
+    comparison, units = compare(estimate, dataset, robot), request.units
     notes((*estimate.notes, *comparison.notes))
     if request.picture is not None and comparison.runs:
-        context = ReportContext(robot, estimate, dataset, comparison, request.units)
-        write_picture(request.picture, overview_figure(context), form)
+        context = ReportContext(robot, estimate, dataset, comparison, units)
+        write_picture(request.picture, overview_figure(context))
     elif request.picture is not None:
         remark(f"no run was found, so there is no misfit to draw: {request.picture} is not written")
     if request.as_json:
         document(heading("comparison", robot=robot, logs=comparison.logs) | comparison_document(comparison))
     else:
-        table(comparison_table(comparison, robot))
-        for part in budget_parts(comparison, robot):
-            table(part)
         is_listed = worst and comparison.runs
-        worst_runs = worst_runs_table(comparison, robot, count=worst, units=request.units) if is_listed else None
-        for extra in filter(None, (outside_table(comparison, robot), worst_runs)):
-            table("")
-            table(extra)
-    if request.check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints):
-        attention()
+        worst_runs = worst_runs_table(comparison, robot, count=worst, units=units) if is_listed else None
+        first = Group(comparison_table(comparison, robot), *budget_parts(comparison, robot))
+        tables(first, outside_table(comparison, robot), worst_runs)
+    return request.check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import attention, document, say
+from pumaid.cli.output import document, progress, say
+from pumaid.errors import ResultError
 
-#: What only some commands need.
-EXTRAS = ("mujoco", "distributed", "fsspec")
-#: What pumaid's numbers depend on.
+#: What pumaid's numbers depend on, and what only some commands need.
 LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "click", "rich-click", "rich")
+EXTRAS = ("mujoco", "distributed", "fsspec")
 #: The arm of the self-check, and the seed of what it hides.
 ARM, SEED = "pendulum2", 1
 
@@ -25,7 +24,7 @@ ARM, SEED = "pendulum2", 1
 @options.recipe_option
 @click.option("--quick", is_flag=True, help="Versions only; leave the self-check out.")
 @options.json_option
-def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
+def command(recipe: Path | None, *, quick: bool, as_json: bool) -> bool:
     """Versions, platform, settings and a self-check of some ten seconds: paste it into a bug report.
 
     The self-check is the demo on a small arm: a robot is simulated, identified from its logs, and what it hides is to
@@ -36,42 +35,34 @@ def command(recipe: Path | None, *, quick: bool, as_json: bool) -> None:
       pumaid doctor
       pumaid doctor --quick --recipe my_arm/recipe.yaml
     """
-    from pumaid.cli.output import progress
     from pumaid.results.documents import heading
 
     facts = _facts(recipe)
-    if not as_json:
-        for name, value in facts.items():
-            say(f"{name:10} {_line(value)}")
-    passed, text = True, "left out"
-    if not quick:
-        with progress("checking this installation") as step:
-            passed, text = _self_check(lambda line: step(0.0, line))
-        if not as_json:
-            say(f"{'self-check':10} {'ok' if passed else 'FAILED'}: {text}")
+    for name, value in facts.items() if not as_json else ():
+        text = ", ".join(f"{key} {entry}" for key, entry in value.items()) if isinstance(value, dict) else value
+        say(f"{name:10} {', '.join(text) if isinstance(text, list) else text}")
+    passed, text = (True, "left out") if quick else _self_check()
     if as_json:
         document(heading("doctor") | facts | {"self_check": None if quick else {"passed": passed, "text": text}})
-    if not passed:
-        attention()
+    elif not quick:
+        say(f"{'self-check':10} {'ok' if passed else 'FAILED'}: {text}")
+    return not passed
 
 
-def _self_check(tell: Callable[[str], None]) -> tuple[bool, str]:
+def _self_check() -> tuple[bool, str]:
     """Whether the demo ends as it must, and how it ended."""
     from pumaid.cli.commands import demo
-    from pumaid.errors import ResultError
 
-    steps: list[demo.DemoStep] = []
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory() as scratch, progress("checking this installation") as step:
+        folder = Path(scratch) / "demo"
         try:
-            for step in demo.story(Path(scratch) / "demo", robot=ARM, seed=SEED):
-                tell(step.line)
-                steps.append(step)
+            for done in demo.story(folder, robot=ARM, seed=SEED):
+                step(0.0, done["command"])
         except ResultError as error:
             return False, error.what
-    diagnosis = next(step.answer for step in steps if step.answer["kind"] == "diagnosis")
-    hidden = demo.hidden(seed=SEED, joints=2)
-    is_found = any(demo.place(finding) == hidden for finding in demo.findings(diagnosis))
-    return is_found, f"the hidden {hidden} is {'found' if is_found else 'not found'}"
+        secret = demo.hidden(folder)
+        is_found = demo.verdict(secret, demo.findings(folder))[0] == "named"
+    return is_found, f"the hidden {secret} is {'found' if is_found else 'not found'}"
 
 
 def _facts(recipe: Path | None) -> dict[str, object]:
@@ -81,6 +72,7 @@ def _facts(recipe: Path | None) -> dict[str, object]:
 
     from pumaid import __version__
     from pumaid.effects import catalogue
+    from pumaid.experiment import Experiment
     from pumaid.io.recipe import shipped_recipes
 
     def installed(name: str) -> str:
@@ -101,14 +93,6 @@ def _facts(recipe: Path | None) -> dict[str, object]:
         "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},
     }
     if recipe is not None:
-        from pumaid.experiment import Experiment
-
         robot = Experiment(recipe=recipe).robot
         facts["recipe"] = {"file": robot.origin, "sha256": robot.digest, "joints": robot.n_joints}
     return facts
-
-
-def _line(value: object) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {entry}" for key, entry in value.items())
-    return ", ".join(value) if isinstance(value, list) else str(value)

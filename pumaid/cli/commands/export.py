@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rich_click as click
 
 from pumaid.cli import options
+from pumaid.cli.output import content, document, remark, spare_inputs
 
 if TYPE_CHECKING:
     from pumaid.exports import Exported
@@ -17,17 +17,13 @@ if TYPE_CHECKING:
 #: One file a form; listed, not imported, so that help waits for nothing.
 FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parents[2] / "exports" / "formats")]))
 
-TORQUE_CONSTANTS = (
-    "N m/A (of a slide N/A) of all joints, or some as JOINT=K; urdf and mjcf only. Default: by the ratios."
-)
-
 
 @click.command()
 @options.model_argument
 @click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write; see docs/export.md.")
 @options.output_option("The file; - for standard output. Default: named after the robot, beside the model.")
-@click.option("--torque-constants", "constants", metavar="K,K,...", help=TORQUE_CONSTANTS)
-@click.option("--force", is_flag=True, help="Replace files that are there already.")
+@click.option("--torque-constants", "constants", metavar="K,K,...", help="N m/A or N/A: of all joints, or JOINT=K,...")
+@options.force_option
 @options.recipe_option
 @options.effects_option
 @options.json_option
@@ -51,10 +47,10 @@ def command(
       pumaid export results/model.json --format python -o arm.py
       pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
     """
-    from pumaid.cli.output import content, document, remark, spare_inputs
     from pumaid.experiment import Experiment
     from pumaid.exports import every_form, export
     from pumaid.exports.equivalent_bodies import read_constants
+    from pumaid.io.write import refuse_to_replace, write_file
     from pumaid.results.documents import heading
 
     to_pipe = output is not None and str(output) == "-"
@@ -73,15 +69,19 @@ def command(
     else:
         files = _places(exported, output, home=Path() if str(model) == "-" else model.parent)
         spare_inputs(files, experiment.files(model))
-        _write(files, force=force)
+        for path in files if not force else ():
+            refuse_to_replace(path)
+        for path, text in files.items():
+            write_file(path, text)
+        remark(f"written: {', '.join(map(str, files))}")
         if as_json:
             facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}
             facts |= {name: getattr(exported, name) for name in ("left_out", "undetermined", "remarks")}
             document(heading("export", robot=robot, logs=estimate.logs) | facts)
-    for text in (*exported.remarks, *(f"left out: {lack.name}: {lack.reason}" for lack in exported.left_out)):
+    lacks = [("left out", lack) for lack in exported.left_out]
+    lacks += [("not determined by the data", lack) for lack in exported.undetermined]
+    for text in (*exported.remarks, *(f"{what}: {lack.name}: {lack.reason}" for what, lack in lacks)):
         remark(text)
-    for lack in exported.undetermined:
-        remark(f"not determined by the data: {lack.name}: {lack.reason}")
 
 
 def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
@@ -93,15 +93,3 @@ def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path
         return {output: next(iter(exported.files.values()))}
     bare = output.with_suffix("") if output.suffix in exported.files else output
     return {bare.with_name(bare.name + suffix): text for suffix, text in exported.files.items()}
-
-
-def _write(files: Mapping[Path, str], *, force: bool) -> None:
-    """Refuse before the first is written; what is made is whole."""
-    from pumaid.cli.output import remark
-    from pumaid.io.write import refuse_to_replace, write_file
-
-    for path in files if not force else ():
-        refuse_to_replace(path)
-    for path, text in files.items():
-        write_file(path, text)
-    remark(f"written: {', '.join(map(str, files))}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, picture_form, remark, tables, write_picture
+from pumaid.cli.output import document, notes, remark, tables, write_picture
 
 if TYPE_CHECKING:
     from pumaid.errors import Note
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path), default=Path(), metavar="[FOLDER]")
+@click.argument("folder", type=options.FILE, default=Path(), metavar="[FOLDER]")
 @options.results_option
 @options.effects_option
 @click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
@@ -41,17 +41,16 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     from pumaid.reporting.tables import history_joint_table, history_table
     from pumaid.results.documents import heading
     from pumaid.results.history import read_history
+    from pumaid.results.history import restore as restore_model
 
-    form = picture_form(picture)
-    place = results or _results(folder)
+    is_results = (folder / "models").is_dir() or folder.name == "results"
+    place = results or (folder if is_results else folder / "results")
     if restore is not None:
-        from pumaid.results.history import restore as bring_back
-
-        remark(f"model {restore} is the current one again: {bring_back(place, restore)}")
+        remark(f"model {restore} is the current one again: {restore_model(place, restore)}")
     history = read_history(place)
     notes((*history.notes, *_unknown(history)))
     if picture is not None:
-        write_picture(picture, history_figure(history.ladders[0]), form)
+        write_picture(picture, history_figure(history.ladders[0]))
     if as_json:
         document(heading("history") | history_document(history))
     else:
@@ -71,8 +70,3 @@ def _unknown(history: History) -> list[Note]:
         except ModelError as error:
             return [Note(error.slug, f"{error.what}; {error.mend}", error.where)]
     return []
-
-
-def _results(folder: Path) -> Path:
-    """The results folder of an experiment, or the folder itself where it is one."""
-    return folder if (folder / "models").is_dir() or folder.name == "results" else folder / "results"

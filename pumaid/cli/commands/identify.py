@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, progress, remark, spare_inputs, tables
+from pumaid.cli.output import document, identified, notes, remark, spare_inputs, tables
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @options.logs_argument
-@options.effect_options
+@options.add_option
+@options.remove_option
 @options.effects_option
 @click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
 @options.output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
@@ -48,7 +49,6 @@ def command(
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
     from pumaid.effect_spec import chosen_by
-    from pumaid.estimation.estimate import identify
     from pumaid.reporting.tables import combination_table, parameter_table
     from pumaid.results.history import keep
     from pumaid.results.model_file import model_document, write_model
@@ -57,9 +57,7 @@ def command(
     robot = experiment.robot
     effects = chosen_by(robot, add=add, remove=remove)
     dataset = experiment.dataset()
-    with progress("identifying", total=robot.n_joints) as step:
-        count = lambda joint, text: step(robot.n_joints - joint, text)  # noqa: E731
-        estimate = identify(dataset, robot, effects=effects, recursive=recursive, progress=count)
+    estimate = identified(dataset, robot, effects=effects, recursive=recursive)
     notes(dict.fromkeys((*dataset.notes, *estimate.notes)))
     path = output or experiment.results_folder / "model.json"
     if output is None:

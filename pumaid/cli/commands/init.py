@@ -8,28 +8,27 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
+from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
 
 if TYPE_CHECKING:
     from pumaid.io.urdf import UrdfRecipe
 
 
+_COUNT = click.IntRange(1, 50)
+
+
 @click.command()
 @click.argument("name", required=False)
 @click.option("--list", "listed", is_flag=True, help="List the robots that pumaid knows.")
+@click.option("--joints", type=_COUNT, metavar="N", help="Number of joints of a blank recipe.  [default: 6]")
 @click.option(
-    "--joints", type=click.IntRange(1, 50), metavar="N", help="Number of joints of a blank recipe.  [default: 6]"
+    "--urdf", type=options.FILE_OR_PIPE, metavar="FILE", help="Take the joints of this URDF as they are placed."
 )
 @click.option(
-    "--urdf",
-    type=click.Path(path_type=Path, allow_dash=True),
-    metavar="FILE",
-    help="Take the joints of this URDF as they are placed.",
+    "--base", metavar="LINK", help="Where the arm starts in the URDF.  [default: the link that nothing carries]"
 )
-@click.option(
-    "--base", metavar="LINK", help="The URDF's link at which the arm starts.  [default: the link that nothing carries]"
-)
-@click.option("--tip", metavar="LINK", help="The URDF's link at which the arm ends.  [default: of the longest chain]")
-@click.option("--force", is_flag=True, help="Replace a recipe that is there already.")
+@click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: of the longest chain]")
+@options.force_option
 @options.output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
 @options.json_option
 def command(
@@ -54,7 +53,6 @@ def command(
       pumaid init --urdf my_arm.urdf --tip tool0 -o my_arm/recipe.yaml
       pumaid init blank --joints 4
     """
-    from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
     from pumaid.io.recipe import read_recipe
     from pumaid.io.urdf import recipe_from_urdf
     from pumaid.io.write import refuse_to_replace, write_file
@@ -65,7 +63,7 @@ def command(
         return
     target = Path("recipe.yaml") if output is None else output
     spare_inputs([target, target / "recipe.yaml"], [urdf])
-    extra: dict[str, Any] = {}
+    facts: dict[str, Any] = {"kind": "recipe", "format": 1}
     if urdf is None:
         if base is not None or tip is not None:
             raise click.UsageError("--base and --tip are links of a URDF: name it with --urdf FILE.")
@@ -74,23 +72,20 @@ def command(
         if name is not None or joints is not None:
             raise click.UsageError(f"{name or '--joints'} and --urdf are two recipes: give one of them.")
         made = recipe_from_urdf(urdf, base=base, tip=tip)
-        text, extra = made.text, {"urdf": _facts(made)}
-        if not as_json:
-            notes(made.notes)
+        text = made.text
+        facts["urdf"] = _facts(made)
+        notes(made.notes if not as_json else ())
     if str(target) == "-":
-        if as_json:
-            document({"kind": "recipe", "format": 1, "text": text, **extra})
-        else:
-            content(text.rstrip() + "\n")
+        document(facts | {"text": text}) if as_json else content(text.rstrip() + "\n")
         return
     path = target / "recipe.yaml" if target.is_dir() else target
     if not force:
         refuse_to_replace(path)
     write_file(path, text)
     robot = read_recipe(path)
+    facts |= {"file": str(path), "robot": robot.name, "joints": robot.n_joints, "sha256": robot.digest}
     if as_json:
-        facts = {"file": str(path), "robot": robot.name, "joints": robot.n_joints, "sha256": robot.digest}
-        document({"kind": "recipe", "format": 1, **facts, **extra})
+        document(facts)
         return
     if urdf is not None:
         table(axes_table(robot))
@@ -100,21 +95,15 @@ def command(
 def _facts(made: UrdfRecipe) -> dict[str, object]:
     """What was made of a URDF, for ``--json``; lengths in m, angles in rad."""
     robot, moving = made.robot, [joint for joint in made.path if joint.moves]
-    rows = [
-        {
-            "name": joint.name,
-            "urdf_type": stated.kind,
-            **{key: getattr(joint, key) for key in ("placement", "limits", "max_velocity")},
-        }
-        for joint, stated in zip(robot.joints, moving, strict=True)
-    ]
+    fields = ("name", "placement", "limits", "max_velocity")
+    rows = [{key: getattr(joint, key) for key in fields} for joint in robot.joints]
     left_out = {"carried": made.carried, "elsewhere": made.elsewhere}
     return {
         "file": made.urdf.file,
         "sha256": made.urdf.digest,
         "base": made.base,
         "tip": made.tip,
-        "joints": rows,
+        "joints": [row | {"urdf_type": stated.kind} for row, stated in zip(rows, moving, strict=True)],
         "folded": [joint.name for joint in made.path if not joint.moves],
         "left_out": {why: [joint.name for joint in joints] for why, joints in left_out.items()},
         "gravity": robot.gravity,
@@ -140,7 +129,6 @@ def _text(name: str | None, joints: int | None) -> str:
 
 
 def _list(as_json: bool) -> None:
-    from pumaid.cli.output import document, table
     from pumaid.io.recipe import read_recipe, shipped_recipes
     from pumaid.reporting.table import Table
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from pumaid.experiment import Experiment
     from pumaid.reporting.context import ReportContext
 
-TABLES = ("text", "csv", "parquet", "latex", "markdown", "json")
-TABLE_HELP = f"Only the parameter table: {', '.join(TABLES)}."
+_TABLES = click.Choice(["text", "csv", "parquet", "latex", "markdown", "json"])
+_TABLE_HELP = f"Only the parameter table: {', '.join(_TABLES.choices)}."
 FIGURES = ("png", "svg", "pdf")
 
 
@@ -31,13 +31,13 @@ def _forms(context: click.Context, option: click.Parameter, text: str) -> list[s
 
 
 @click.command()
-@click.argument("model", type=click.Path(path_type=Path, allow_dash=True), required=False, metavar="[MODEL]")
+@click.argument("model", type=options.FILE_OR_PIPE, required=False, metavar="[MODEL]")
 @click.argument("logs", nargs=-1, metavar="[LOGS...]")
 @options.effects_option
 @options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
-@click.option("--table", "form", type=click.Choice(TABLES), metavar="FORM", help=TABLE_HELP)
-@click.option("--figures", type=click.Path(path_type=Path), metavar="FOLDER", help="Figures; default results/figures.")
-@click.option("--format", "forms", default="png,svg,pdf", show_default=True, callback=_forms, help="Of figures; or ''.")
+@click.option("--table", "form", type=_TABLES, metavar="FORM", help=_TABLE_HELP)
+@click.option("--figures", type=options.FILE, metavar="FOLDER", help="Figures; default results/figures.")
+@click.option("--format", "forms", default="png,svg,pdf", callback=_forms, help="Of figures; or ''.")
 @options.units_option
 @options.experiment_options()
 @options.json_option
@@ -63,6 +63,9 @@ def command(
       pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
+    from pumaid.reporting.documents import parameters_as
+    from pumaid.results.documents import heading
+
     if as_json and (form is not None or str(output) == "-"):
         raise click.UsageError("--json tells which files a report wrote; --table and -o - want standard output too.")
     place = str(model.parent.parent / "logs") if model and str(model) != "-" else "logs"
@@ -72,13 +75,10 @@ def command(
     inputs = experiment.files(source, source.parent / "diagnosis.json")
     spare_inputs([output], inputs)
     if form is not None:
-        from pumaid.reporting.documents import parameters_as
-
         table = parameters_as(experiment.model(source), experiment.robot, form, units=units)
         _write([(output or Path("-"), table)], "table")
         return
     from pumaid.reporting.page import report_files
-    from pumaid.results.documents import heading
 
     context = _context(source, experiment, units=units)
     files: list[tuple[Path, bytes]] = []
@@ -86,8 +86,7 @@ def command(
         for number, (name, data) in enumerate(report_files(context, forms)):
             step(number, name)
             path = near.results_folder / name
-            if figures and name.startswith("figures/"):
-                path = figures / path.name
+            path = figures / path.name if figures and name.startswith("figures/") else path
             files.append((output or path if name == "report.html" else path, data))
     spare_inputs([path for path, _ in files], inputs)
     _write(files, "report")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, picture_form, say, spare_inputs, tables, write_picture
+from pumaid.cli.output import document, notes, say, spare_inputs, tables, write_picture
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
@@ -24,8 +24,7 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
     "--kinds",
     type=click.Choice(["both", "constant", "stroke"]),
     default="both",
-    show_default=True,
-    help="Runs at constant speed, strokes from rest to rest, or both.",
+    help="At constant speed, rest to rest.",
 )
 @click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
 @click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")
@@ -66,13 +65,12 @@ def command(
 
     if as_json and as_csv:
         raise click.UsageError("--json and --csv both want standard output; give one of them")
-    form = picture_form(picture)
     spare_inputs([picture], experiment.files() if picture else [])
     chosen = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
     robot, dataset = experiment.robot, experiment.dataset(options=chosen)
     notes(dataset.notes)
     if picture is not None:
-        write_picture(picture, run_figure(dataset, robot, units), form)
+        write_picture(picture, run_figure(dataset, robot, units))
     if as_json:
         digests = {facts.name: facts.digest for facts in dataset.files}
         document(heading("segments", robot=robot, logs=digests) | segments_document(dataset, robot))

@@ -1,0 +1,150 @@
+"""What commands refuse: wrong usage with exit code 2, bad input with 3, in words, and nothing is written or printed."""
+
+from __future__ import annotations
+
+import pytest
+from command import run
+
+MODEL = "results/model.json"
+#: What is typed beside a fitted arm -> the slug of the error or a word of the usage message.
+BAD_INPUT = {
+    "effects coulom": "error[unknown-effect]: there is no effect 'coulom'\n  fix: did you mean 'coulomb'?",
+    "identify nowhere": "no-such-log",
+    "identify logs --recipe nothing.yaml": "recipe-not-found",
+    "identify logs --recipe puma560": "column-missing",
+    "identify logs -o /proc/model.json": "cannot-write",
+    "identify logs --add ripple@": "effect-joint",
+    "identify logs --add @2": "unknown-effect",
+    "identify logs --add stribek@2": "did you mean stribeck?",
+    "identify logs --heldout session_99.csv": "heldout-nothing",
+    "identify logs --add stribeck@2:velocity=1,velocity=2": "effect-shape",
+    f"diagnose {MODEL} logs --suspect voltz": "voltz",
+    f"diagnose {MODEL} logs --plan plan.yaml": "file-exists",
+    f"report {MODEL} no_such_logs": "no-such-log",
+    "export none.json --format c": "file-not-readable",
+    "export recipe.yaml --format c": "model-damaged",
+    f"export {MODEL} --format c --recipe ur5e": "model-other-recipe",
+    f"export {MODEL} --format urdf --torque-constants 1,2,3": "torque-constants",
+    f"export {MODEL} --format json -o {MODEL} --force": "output-is-input",
+    "plan --minutes 0.1 -o p.yaml": "--minutes",
+    "plan --payload=-1,0,0,0 -o p.yaml": "-1 kg",
+    "plan --payload=1e300,1e300,0,0 -o p.yaml": "plan-impossible",
+    "plan --tilt=nan,0 -o p.yaml": "nan",
+    "plan --minutes nan -o p.yaml": "nan minutes",
+    "plan --minutes 1e-9 --criterion worst -o p.yaml": "plan-too-short",
+    "plan --speeds 1,1,1 -o p.yaml": "1 different speeds",
+    "plan --speeds 0.1,0.2,nan -o p.yaml": "nan is no share",
+    "plan --for stribeck@2 --size 1e308 --minutes 3 -o p.yaml": "plan-impossible",
+    "plan --for stribeck --minutes 3 -o p.yaml": "write stribeck@3",
+    "plan --check nothing.yaml": "nothing.yaml",
+    "plan --check .": "file-not-readable",
+    "plan --prior nothing.json -o p.yaml": "nothing.json",
+    f"plan stanford --prior {MODEL} -o p.yaml": "model-other-recipe",
+    "plan --prior recipe.yaml -o p.yaml": "model-damaged",
+    "plan --format urscript -o p.script": "program-other-robot",
+    "plan": "--force",
+    "simulate --plan none.yaml": "none.yaml",
+    "simulate --hide stribeck@2:a=1e308 -o new": "hide-wrong",
+    "simulate --truth table1 -o new": "is it the truth of another robot?",
+}
+MISUSE = {
+    "efects": "Did you mean 'effects'?",
+    "effects --jsn": "--jsn",
+    "effects a b": "argument",
+    "identify": "LOGS",
+    f"compare {MODEL} logs --picture misfit.gif": ".png",
+    f"diagnose {MODEL} logs --picture misfit.gif": ".png",
+    "segment logs --picture runs.gif": ".png",
+    "segment logs --json --csv": "standard output",
+    "segment logs --min-duration 0": "min-duration",
+    "segment logs --speed-tolerance 2": "speed-tolerance",
+    "report --format gif": "png, svg, pdf",
+    f"export {MODEL} --format c -o -": "Two files",
+    f"export {MODEL} --format json -o - --json": "--json",
+    f"export {MODEL} --format c --torque-constants 1,2": "ampere",
+    f"export {MODEL} --format fortran": "fortran",
+    f"export {MODEL}": "--format",
+    "init puma650": "puma560",
+    "init": "--urdf FILE",
+    "init ur3e --joints 3": "--joints",
+    "init blank --joints 0": "0",
+    "init ur5e --urdf arm.urdf": "two recipes",
+    "init --urdf arm.urdf --joints 3": "two recipes",
+    "init ur5e --tip tool0": "--urdf",
+    "init --base l1": "--urdf",
+    "plan --against spring": "--for",
+    "plan --size 0.1": "--for",
+    "plan --logs logs": "--for",
+    "plan --check p.yaml --for spring@1": "--for makes one",
+    "plan --check p.yaml --minutes 5": "--check",
+    "plan --check p.yaml --criterion worst": "--check",
+    "plan --for spring@1 --tilt 10,0": "bare arm",
+    "plan --for spring@1 --payload 1,0,0,0": "bare arm",
+    "plan --for spring@1 --logs logs --minutes 5": "adds runs",
+    "plan --for spring@1 --logs logs --against stribeck --size 1": "--size",
+    "plan --payload a,b,c,d": "list of numbers",
+    "plan --tilt 10": "not 2",
+    "plan --speeds fast": "speeds",
+    "plan --criterion best": "worst",
+    "plan --format gcode": "urscript",
+    "plan --picture postures.gif": ".png",
+}
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "said"),
+    [(line, 3, said) for line, said in BAD_INPUT.items()] + [(line, 2, said) for line, said in MISUSE.items()],
+    ids=[*BAD_INPUT, *MISUSE],
+)
+def test_is_refused_in_words(fitted, monkeypatch, line, code, said):
+    """One message on standard error says what is wrong or what would do."""
+    monkeypatch.chdir(fitted)
+    before = sorted(fitted.rglob("*"))
+    done = run(*line.split(), code=code)
+    assert done.stderr.count("error[") == (code == 3) and done.stdout == ""
+    words = "\n".join(line.strip("│ ") for line in done.stderr.splitlines())
+    assert said in done.stderr or said in " ".join(words.split())
+    assert sorted(fitted.rglob("*")) == before
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"kind": "model"}', '{"kind": "truth", "format": 1}'])
+def test_what_is_no_truth_is_refused(arm, text):
+    """Nothing, a list, a model, a document without entries."""
+    (arm / "truth.json").write_text(text)
+    assert "error[" in run("simulate", "--truth", "truth.json", "-o", "new", code=3).stderr
+    assert not (arm / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("entry", "slug", "hint"),
+    [
+        ("- {effect: sprig, joint: knee}", "unknown-effect", "did you mean spring?"),
+        ("- {effect: stribeck, joint: 2, shape: {velocty: 1}}", "effect-shape", "did you mean velocity?"),
+        ("- {effect: stribeck, joint: kne}", "recipe-bad-value", "did you mean knee?"),
+        ("- {effect: stribeck, jiont: 2}", "recipe-bad-key", "did you mean joint?"),
+        ("- {effect: ripple, shape: {frequency: -3}}", "effect-shape", "write a number from"),
+    ],
+)
+def test_wrong_effects_of_a_recipe_are_told_with_their_line(folder, entry, slug, hint):
+    """File, line, entry and the nearest right word, before any log is read."""
+    recipe = folder / "recipe.yaml"
+    text = recipe.read_text(encoding="utf-8")
+    recipe.write_text(f"{text}\neffects:\n  {entry}\n", encoding="utf-8")
+    (folder / "logs.csv").write_text("t\n")
+    told = run("identify", "logs.csv", code=3).stderr
+    words = (f"error[{slug}]", hint, "recipe.yaml", f"line {len(text.splitlines()) + 3}", "effects[1]")
+    assert [word for word in words if word not in told] == []
+
+
+def test_an_edited_plan_with_wrong_numbers_gets_one_message(arm):
+    """One held position too many: one refusal with the line."""
+    path = arm / "plan.yaml"
+    path.write_text(path.read_text(encoding="utf-8").replace("hold: [", "hold: [900, ", 1), encoding="utf-8")
+    told = run("plan", "--check", "plan.yaml", code=3).stderr
+    assert told.count("error[") == 1 and "error[plan-wrong]" in told and "line" in told
+
+
+def test_a_changed_recipe_is_another(arm):
+    """A recipe that was changed after the model was made is refused."""
+    (arm / "recipe.yaml").write_text((arm / "recipe.yaml").read_text(encoding="utf-8") + "\n# changed\n")
+    assert "error[model-other-recipe]" in run("compare", MODEL, "logs", code=3).stderr
