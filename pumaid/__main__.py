@@ -18,10 +18,11 @@ class _Deaf(io.FileIO):
             return memoryview(data).nbytes  # type: ignore[arg-type]
 
 
-def open_streams() -> None:
-    """Have all three standard streams, also where the caller closed them.
+def run() -> None:
+    """Run the command line with three standard streams, also where the caller closed them.
 
-    Were their descriptors left free, the next file that is opened would get them. Reading a closed input fails.
+    Were their descriptors left free, the next file that is opened would get them. Ctrl-C ends the program as quietly
+    while it is being loaded, or winds up, as in between.
     """
     for number in range(3):
         try:
@@ -33,11 +34,6 @@ def open_streams() -> None:
     if sys.stderr is None or not sys.stderr.isatty():
         deaf = io.BufferedWriter(_Deaf(2, "w", closefd=False))
         sys.stderr = io.TextIOWrapper(deaf, "utf-8", errors="backslashreplace", line_buffering=True)
-
-
-def run() -> None:
-    """Run the command line; Ctrl-C while the program is still being loaded ends it as quietly as later."""
-    open_streams()
     try:
         from pumaid.cli import main
 
@@ -45,7 +41,6 @@ def run() -> None:
     except KeyboardInterrupt:
         sys.exit(130)
     finally:
-        # What is done is done: Ctrl-C while Python winds up would print a traceback.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -31,14 +31,9 @@ WIDTH = 100
 
 
 def load(folder: str | PathLike[str], *, recipe: str | PathLike[str] | None = None) -> Arm:
-    """The arm of an experiment's folder: ``recipe.yaml``, ``logs/`` and ``results/`` are looked for there.
+    """The arm of an experiment's folder, where ``recipe.yaml``, ``logs/`` and ``results/`` are looked for.
 
-    Parameters
-    ----------
-    folder
-        The experiment's.
-    recipe
-        Another recipe than the folder's: a file, or the name of a shipped one.
+    `recipe` is another than the folder's: a file, or the name of a shipped one.
     """
     path = Path(folder)
     if not path.is_dir():
@@ -56,9 +51,7 @@ def identify(logs: Dataset, robot: Robot, **options: Any) -> Estimate: ...
 
 
 @overload
-def identify(
-    logs: Logs, robot: None = ..., *, recipe: str | PathLike[str] | None = ..., **options: Any
-) -> Identified: ...
+def identify(logs: Logs, *, recipe: str | PathLike[str] | None = ..., **options: Any) -> Identified: ...
 
 
 def identify(
@@ -104,16 +97,9 @@ class Arm:
     def dataset(self, logs: Logs | None = None, *, heldout: Iterable[str] = (), trust: bool = False) -> Dataset:
         """The runs of some logs, by default of the folder's ``logs``; `results/dataset.npz` is used where it is theirs.
 
-        Parameters
-        ----------
-        logs
-            Files, folders, globs.
-        heldout
-            Logs whose runs are kept for judging, or ``"posture"``.
-        trust
-            Whether logs that look wrong are taken all the same.
+        `heldout` are logs whose runs are kept for judging, or ``"posture"``; `trust` takes logs that look wrong.
         """
-        return self._experiment(logs, heldout=tuple(heldout), trust=trust).dataset()
+        return self._experiment(logs, heldout=heldout, trust=trust).dataset()
 
     def identify(
         self,
@@ -124,18 +110,10 @@ class Arm:
         recursive: bool = False,
         **options: Any,
     ) -> Identified:
-        """Identify the arm; nothing is written (see `Identified.save`).
+        """Identify the arm from logs, by default the folder's; nothing is written (see `Identified.save`).
 
-        Parameters
-        ----------
-        logs
-            Files, folders, globs; by default the folder's ``logs``.
-        add, remove
-            Effects beyond the paper's model, as ``--add`` and ``--remove`` take them: ``"stribeck@3"``.
-        recursive
-            Stop after the n-to-1 recursion.
-        options
-            `heldout` and `trust`, as of `dataset`.
+        `add` and `remove` take effects as on the command line (``"stribeck@3"``), `recursive` stops after the n-to-1
+        recursion, `options` are `heldout` and `trust` as of `dataset`.
         """
         from pumaid.effect_spec import chosen_by
         from pumaid.estimation.estimate import identify as fit
@@ -147,15 +125,7 @@ class Arm:
         return Identified(estimate, experiment.robot, dataset, arm=self)
 
     def model(self, path: str | PathLike[str] | None = None, *, logs: Logs | None = None) -> Identified:
-        """A model that was written before, by default the folder's current one.
-
-        Parameters
-        ----------
-        path
-            A model file.
-        logs
-            What `compare`, `diagnose` and `plot` look at; by default the folder's ``logs``.
-        """
+        """A model file, by default the folder's current one; `logs` are what it is then held against."""
         experiment = self._experiment(logs)
         estimate = experiment.model(Path(path or (self.folder or Path()) / MODEL))
         return Identified(estimate, experiment.robot, experiment.dataset(), arm=self)
@@ -197,17 +167,7 @@ class Answer:
 
 
 class Identified(Answer):
-    """An identified model with the arm and the dataset that it is asked about.
-
-    Parameters
-    ----------
-    estimate
-        The record (`record`).
-    robot, dataset
-        The arm; the runs that `compare`, `diagnose` and `plot` look at where no logs are named.
-    arm
-        By which further logs are read.
-    """
+    """An identified model, with its `arm` and the `dataset` that it is held against where no other logs are named."""
 
     def __init__(self, estimate: Estimate, robot: Robot, dataset: Dataset, *, arm: Arm) -> None:
         from pumaid.reporting.tables import combination_table, parameter_table
@@ -248,19 +208,9 @@ class Identified(Answer):
         return Answer(diagnosis, diagnosis_parts(diagnosis, self.robot))
 
     def plot(self, name: str = "", *, units: str = "rad") -> Picture:
-        """A figure of the report.
+        """The first figure of the report whose name begins so (``"residual_j2"``, ``"spent"``); angles in `units`.
 
-        Parameters
-        ----------
-        name
-            Of the figure, or how its name begins (``"residual_j2"``, ``"spent"``); the first one where not given.
-        units
-            ``"rad"`` or ``"deg"``.
-
-        Raises
-        ------
-        KeyError
-            There is none of this name; the message lists them.
+        KeyError: there is none of this name; the message lists them.
         """
         from pumaid.reporting.context import ReportContext
         from pumaid.reporting.page import all_figures

@@ -54,14 +54,12 @@ class Bodies:
 
 
 def bodies(formulas: Formulas, torques: Floats) -> Bodies:
-    """Bodies with the model's weight.
+    """Bodies with the model's weight, by (J,) torque constants, N m/A or N/A, none zero.
 
     A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
     centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
     contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is reported.
-
-    `torques` are (J,) torque constants, N m/A or N/A, none zero. A ModelError [export-masses] says that a slide carries
-    less than nothing, or less than a slide beyond it.
+    ModelError [export-masses]: a slide carries less than nothing, or less than a slide beyond it.
 
     Source
     ------
@@ -70,12 +68,19 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
     robot = formulas.robot
     wanted = formulas.moments * torques[:, None]
     carried, hidden = _carried(formulas, torques)
-    absent = minimal(robot).absent
-    unfelt = np.array([f"gravity.l{joint.number}.x" in absent for joint in robot.joints])
-    masses, centres = _links(robot, wanted, carried=carried, unfelt=unfelt)
+    masses, centres = _links(robot, wanted, carried=carried)
     plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
-    rise = formulas.viscous.mean(axis=1) * torques
-    remarks = [*hidden, *_disagreements(formulas, torques), *_off(formulas, torques, masses, centres=centres)]
+    rise, g = formulas.viscous.mean(axis=1) * torques, np.array(robot.gravity, dtype=float)
+    remarks = hidden
+    for i in range(len(torques) - 1):
+        ratio, given = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
+        if ratio != 0.0 and abs(given - ratio) > ROUNDING * abs(ratio):
+            way = " (of the other sign)" if given * ratio < 0.0 else ""
+            remarks.append(
+                f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {given:.4g}{way}, the"
+                f" logs say {ratio:.4g}"
+            )
+    remarks += _off(formulas, torques, masses, centres=centres)
     for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1:
         remarks.append(f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0")
     return Bodies(
@@ -86,7 +91,7 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
         friction=np.maximum(0.5 * (plus - minus), 0.0),
         damping=np.maximum(rise, 0.0),
         uneven=0.5 * np.abs(plus + minus),
-        mount=_mount(np.array(robot.gravity, dtype=float)),
+        mount=turn_of_z(-g).T if g.any() else np.eye(3),
         remarks=tuple(remarks),
     )
 
@@ -136,9 +141,10 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
     return out, said
 
 
-def _links(robot: Robot, wanted: Floats, *, carried: Floats, unfelt: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Floats]:
     """(J,) masses and (J, 3) centres of mass, tip to base."""
-    n = robot.n_joints
+    n, absent = robot.n_joints, minimal(robot).absent
+    unfelt = [f"gravity.l{joint.number}.x" in absent for joint in robot.joints]
     turns = robot.is_revolute
     largest = float(np.abs(wanted[turns]).max(initial=0.0)) / 0.3
     least = LIGHTEST * (max(largest, float(np.nanmax(carried, initial=0.0))) or 1.0)
@@ -178,25 +184,6 @@ def _moved(robot: Robot, number: int, k: Floats, *, beyond: float) -> tuple[Floa
         return beyond * step + turned[:, 2] * k[2], float(np.linalg.norm(step))
     across = step - turned[:, 2] * joint.d
     return beyond * across + turned @ k, float(np.linalg.norm(across))
-
-
-def _mount(g: Floats) -> Floats:
-    """The smallest turn that takes the direction of g to -z."""
-    return turn_of_z(-g).T if g.any() else np.eye(3)
-
-
-def _disagreements(formulas: Formulas, torques: Floats) -> list[str]:
-    """Neighbours whose torque constants contradict the identified ratio of their gains."""
-    out = []
-    for i in range(len(torques) - 1):
-        ratio, given = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
-        if ratio != 0.0 and abs(given - ratio) > ROUNDING * abs(ratio):
-            way = " (of the other sign)" if given * ratio < 0.0 else ""
-            out.append(
-                f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {given:.4g}{way}, the"
-                f" logs say {ratio:.4g}"
-            )
-    return out
 
 
 def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> list[str]:

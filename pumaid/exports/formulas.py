@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import catalogue
-from pumaid.effects.formula import OF_MOTION, at_rest, filled, names_in
+from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.gravity_load import felt_ratios, loads
 from pumaid.model import Model
@@ -70,27 +70,43 @@ class Formulas:
     def of(cls, estimate: Estimate, robot: Robot) -> Formulas:
         """The formulas of a model; effects that have none are listed."""
         solution = dict(zip(estimate.names, estimate.solution.tolist(), strict=True))
-        moments = np.array([_moment(solution, joint.number, joint.is_revolute) for joint in robot.joints])
+
+        def numbers(pattern: str, *parts: str) -> list[float]:
+            return [solution.get(f"{pattern}.{part}", 0.0) for part in parts]
+
+        moments = np.array(
+            [
+                numbers(f"gravity.l{joint.number}", *("xy" if joint.is_revolute else ("mass", "")))
+                for joint in robot.joints
+            ]
+        )
+        coulomb, viscous = (
+            np.array([numbers(f"{effect}.j{joint.number}", "plus", "minus") for joint in robot.joints])
+            for effect in ("coulomb", "viscous")
+        )
         heavy = np.asarray(moments.any(axis=1))
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
         effects = terms_of(estimate.effects)
         reasons = {spoken(effect): why_left_out(effect, robot) for effect in effects}
-        lacks = [Lack(name, reason) for name, reason in reasons.items() if reason is not None]
         if estimate.stroke_postures:
-            lacks.append(Lack("inertia", catalogue()["inertia"].left_out))
+            reasons["inertia"] = catalogue()["inertia"].left_out
+        # What a posture of this arm may need and the data did not tell; not what no posture can show.
+        structure = minimal(robot)
+        idle = {*structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in structure.redundant)}
+        unknown = [value for value in estimate.values if value.state == NOT_IDENTIFIABLE and value.name not in idle]
         return cls(
             robot=robot,
             estimate=estimate,
             moments=moments,
             ratios=np.nan_to_num(estimate.scales),
             felt=np.array([felt_ratios(heavy, estimate.scales, i) for i in range(robot.n_joints)]),
-            coulomb=_pairs(solution, "coulomb", robot),
-            viscous=_pairs(solution, "viscous", robot),
+            coulomb=coulomb,
+            viscous=viscous,
             shaft=robot.shaft_speeds,
             terms=tuple(term for effect in effects for term in _terms(robot, effect, solution, has_ratios=has_ratios)),
-            left_out=tuple(lacks),
-            undetermined=tuple(_undetermined(estimate, robot)),
+            left_out=tuple(Lack(name, reason) for name, reason in reasons.items() if reason is not None),
+            undetermined=tuple(Lack(value.name, value.reason or "these data do not tell it") for value in unknown),
         )
 
     def uses(self, quantity: str) -> bool:
@@ -103,41 +119,24 @@ class Formulas:
         lost = {lack.name for lack in self.left_out}
         places = {place for place, effect in enumerate(model.effects) if spoken(effect) in lost}
         gone = np.array([column.place in places for column in model.columns], dtype=bool)
-        estimate = replace(self.estimate, solution=np.where(gone, 0.0, self.estimate.solution))
-        out = np.empty_like(position)
-        driving = velocity @ self.shaft.T
-        for number in range(1, self.robot.n_joints + 1):
-            samples = _instants(number, position, velocity, driving=driving[:, number - 1])
-            at = loads(model, samples, solution=estimate.solution, scales=estimate.scales)
-            out[:, number - 1] = model.predict(estimate, replace(samples, loads=at))
-        return out
+        bare = replace(self.estimate, solution=np.where(gone, 0.0, self.estimate.solution))
+        return np.column_stack([model.predict(bare, samples) for samples in _instants(model, bare, position, velocity)])
 
     def weight(self, position: Floats) -> Floats:
         """(N, J) A of gravity by the paper's model, by the model itself."""
         model = Model.of_estimate(self.robot, self.estimate)
-        out = np.empty_like(position)
-        for number in range(1, self.robot.n_joints + 1):
-            samples = _instants(number, position, np.zeros_like(position), driving=np.ones(len(position)))
-            at = loads(model, samples, solution=self.estimate.solution, scales=self.estimate.scales)
-            out[:, number - 1] = at.moving
-        return out
+        instants = _instants(model, self.estimate, position, np.ones_like(position))
+        return np.column_stack([loads_of(samples).moving for samples in instants])
 
 
-def _instants(joint: int, position: Floats, velocity: Floats, *, driving: Floats) -> Samples:
-    """Instants of a warm joint, long in motion."""
+def _instants(model: Model, estimate: Estimate, position: Floats, velocity: Floats) -> Iterator[Samples]:
+    """Instants of each joint, warm and long in motion, with the loads that the model says."""
     still = np.zeros(len(position))
-    return Samples(
-        joint,
-        position,
-        velocity,
-        acceleration=still,
-        direction=np.sign(driving),
-        time=still,
-        elapsed=still,
-        travel=still,
-        temperature=np.full(len(position), np.nan),
-        run=still,
-    )
+    names = ("acceleration", "time", "elapsed", "travel", "run")
+    for joint, driving in enumerate(model.robot.shaft_speeds @ velocity.T, start=1):
+        rest = dict.fromkeys(names, still) | {"temperature": np.full(len(position), np.nan)}
+        samples = Samples(joint, position, velocity, direction=np.sign(driving), **rest)
+        yield replace(samples, loads=loads(model, samples, solution=estimate.solution, scales=estimate.scales))
 
 
 def spoken(term: EffectTerm) -> str:
@@ -153,17 +152,6 @@ def why_left_out(term: EffectTerm, robot: Robot) -> str | None:
     constants = {part.name for part in effect.parameters(robot, term.number)} | set(term.shapes(robot))
     more = sorted(names_in(effect.formula) - OF_MOTION - constants)
     return f"it depends on more than posture and velocities: {', '.join(more)}" if more else None
-
-
-def _moment(solution: Mapping[str, float], link: int, turns: bool) -> tuple[float, float]:
-    parts = ("x", "y") if turns else ("mass", "")
-    first, second = (solution.get(f"gravity.l{link}.{part}", 0.0) for part in parts)
-    return first, second
-
-
-def _pairs(solution: Mapping[str, float], effect: str, robot: Robot) -> Floats:
-    ways = ("plus", "minus")
-    return np.array([[solution.get(f"{effect}.j{joint.number}.{way}", 0.0) for way in ways] for joint in robot.joints])
 
 
 def _terms(
@@ -185,12 +173,3 @@ def _terms(
         for text, is_friction in ((hold, False), (friction, True)):
             if text != "0.0":
                 yield Term(joint, spoken(term), text, is_friction)
-
-
-def _undetermined(estimate: Estimate, robot: Robot) -> Iterator[Lack]:
-    """What a posture of this arm may need and the data did not tell; not what no posture can show."""
-    structure = minimal(robot)
-    idle = {*structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in structure.redundant)}
-    for value in estimate.values:
-        if value.state == NOT_IDENTIFIABLE and value.name not in idle:
-            yield Lack(value.name, value.reason or "these data do not tell it")

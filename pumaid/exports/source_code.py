@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import textwrap
 from collections.abc import Mapping
+from itertools import groupby
+from operator import itemgetter
 from pathlib import PurePath
 from typing import Any, ClassVar
 
@@ -46,8 +48,15 @@ class SourceForm(Form):
         fields = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")
         tables |= {name: getattr(formulas, name) for name in fields}
         start, end, _ = self.brackets
-        joints = range(1, robot.n_joints + 1)
-        frictions = [(joint, self._terms(subject, joint, is_friction=True)) for joint in joints]
+        terms = sorted(formulas.terms, key=lambda term: term.joint)
+        holds, frictions = (
+            [
+                {"joint": t.joint, "effect": t.effect, "text": self._text(t)}
+                for t in terms
+                if t.is_friction == is_friction
+            ]
+            for is_friction in (False, True)
+        )
         values: dict[str, Any] = {name: self._table(table) for name, table in tables.items()} | {
             "name": subject.name,
             "NAME": subject.name.upper(),
@@ -56,17 +65,13 @@ class SourceForm(Form):
             "head": head(subject, self.left_out(subject)),
             "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
             "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
-            "holds": [term for joint in joints for term in self._terms(subject, joint, is_friction=False)],
-            "frictions": [(joint, terms) for joint, terms in frictions if terms],
-            "uses_slope": formulas.uses("slope"),
-            "uses_tilt": formulas.uses("tilt"),
-            "uses_across": formulas.uses("across"),
+            "holds": holds,
+            "frictions": [(joint, list(group)) for joint, group in groupby(frictions, key=itemgetter("joint"))],
         }
-        # Nothing is escaped: names go into comments only.
-        loader = jinja2.PackageLoader("pumaid.exports")
+        values |= {f"uses_{quantity}": formulas.uses(quantity) for quantity in ("slope", "tilt", "across")}
         environment = jinja2.Environment(
-            loader=loader,
-            autoescape=False,
+            loader=jinja2.PackageLoader("pumaid.exports"),
+            autoescape=False,  # names go into comments only
             trim_blocks=True,
             lstrip_blocks=True,
             keep_trailing_newline=True,
@@ -74,14 +79,9 @@ class SourceForm(Form):
         )
         return {PurePath(name).suffixes[0]: environment.get_template(name).render(values) for name in self.templates}
 
-    def _terms(self, subject: Subject, joint: int, *, is_friction: bool) -> list[dict[str, Any]]:
-        """The terms of a joint that are there only in motion, or the other ones."""
-        terms = [term for term in subject.formulas.terms if term.joint == joint and term.is_friction == is_friction]
-        return [{"joint": joint, "effect": term.effect, "text": self._text(term)} for term in terms]
-
     def _text(self, term: Term) -> str:
-        tree = _Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval"))
-        return ast.unparse(tree)
+        """The formula of a term in the language."""
+        return ast.unparse(_Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval")))
 
     def _table(self, values: Floats) -> str:
         """Numbers, none rounded, rows on lines of their own."""
