@@ -26,6 +26,15 @@ def xml_name(text: str) -> str:
     return "".join(letter if letter.isprintable() else "_" for letter in text)
 
 
+def add(parent: ET.Element, tag: str, **attributes: str | float | Iterable[float]) -> ET.Element:
+    """A new element in `parent`; numbers are written as `spaced` does."""
+    texts = {
+        name: value if isinstance(value, str) else spaced([value] if isinstance(value, float) else value)
+        for name, value in attributes.items()
+    }
+    return ET.SubElement(parent, tag, texts)
+
+
 def bodies_of(subject: Subject) -> Bodies:
     """The masses, which every form that asks for them is given."""
     assert subject.bodies is not None

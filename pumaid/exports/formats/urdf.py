@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
-from pumaid.exports.robot_xml import bodies_of, spaced, weights_only, written, xml_name
+from pumaid.exports.robot_xml import add, bodies_of, weights_only, written, xml_name
 from pumaid.kinematics import roll_pitch_yaw
-from pumaid.robot import Joint
 
 Floats = NDArray[np.float64]
 
@@ -38,39 +37,37 @@ class Urdf(Form):
     def texts(self, subject: Subject) -> dict[str, str]:
         robot, held = subject.formulas.robot, bodies_of(subject)
         root = ET.Element("robot", name=xml_name(robot.name))
-        ET.SubElement(root, "link", name="world")
-        mount = ET.SubElement(root, "joint", name="mount", type="fixed")
-        ET.SubElement(mount, "origin", xyz="0 0 0", rpy=spaced(roll_pitch_yaw(held.mount)))
-        ET.SubElement(mount, "parent", link="world")
-        ET.SubElement(mount, "child", link="base")
-        ET.SubElement(root, "link", name="base")
-        for joint in robot.joints:
-            self._joint(root, joint, subject)
-            i = joint.number - 1
-            link = ET.SubElement(root, "link", name=f"link{joint.number}")
-            inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "origin", xyz=spaced(held.centres[i]), rpy="0 0 0")
-            ET.SubElement(inertial, "mass", value=spaced([held.masses[i]]))
-            size = spaced([held.inertias[i]])
-            ET.SubElement(inertial, "inertia", ixx=size, ixy="0", ixz="0", iyy=size, iyz="0", izz=size)
+        add(root, "link", name="world")
+        _joint(root, "mount", "fixed", links=("world", "base"), frame=(np.zeros(3), held.mount))
+        add(root, "link", name="base")
+        for i, joint in enumerate(robot.joints):
+            kind = joint.kind if joint.limits is not None or not joint.is_revolute else "continuous"
+            links, frame = (f"link{i}" if i else "base", f"link{i + 1}"), (joint.frame[:3, 3], joint.frame[:3, :3])
+            out = _joint(root, xml_name(joint.name), kind, links=links, frame=frame)
+            add(out, "axis", xyz="0 0 1")
+            low, high = joint.limits or (-NO_LIMIT, NO_LIMIT)
+            limits = {} if kind == "continuous" else {"lower": low, "upper": high}
+            add(out, "limit", effort=NO_LIMIT, velocity=joint.max_velocity or NO_LIMIT, **limits)
+            add(out, "dynamics", damping=held.damping[i], friction=held.friction[i])
+            inertial = add(add(root, "link", name=f"link{i + 1}"), "inertial")
+            add(inertial, "origin", xyz=held.centres[i], rpy="0 0 0")
+            add(inertial, "mass", value=held.masses[i])
+            size = held.inertias[i]
+            add(inertial, "inertia", ixx=size, ixy="0", ixz="0", iyy=size, iyz="0", izz=size)
         remark = f"Gravity: 0 0 -{_size(subject)!r} m/s2 in the world."
         return {".urdf": written(root, subject, left_out=self.left_out(subject), remark=remark)}
 
-    def _joint(self, root: ET.Element, joint: Joint, subject: Subject) -> None:
-        held, i = bodies_of(subject), joint.number - 1
-        kind = joint.kind if joint.limits is not None or not joint.is_revolute else "continuous"
-        out = ET.SubElement(root, "joint", name=xml_name(joint.name), type=kind)
-        turn, place = joint.frame[:3, :3], joint.frame[:3, 3]
-        ET.SubElement(out, "origin", xyz=spaced(place), rpy=spaced(roll_pitch_yaw(turn)))
-        ET.SubElement(out, "parent", link=f"link{i}" if i else "base")
-        ET.SubElement(out, "child", link=f"link{joint.number}")
-        ET.SubElement(out, "axis", xyz="0 0 1")
-        limit = {"effort": spaced([NO_LIMIT]), "velocity": spaced([joint.max_velocity or NO_LIMIT])}
-        if kind != "continuous":
-            low, high = joint.limits or (-NO_LIMIT, NO_LIMIT)
-            limit |= {"lower": spaced([low]), "upper": spaced([high])}
-        ET.SubElement(out, "limit", limit)
-        ET.SubElement(out, "dynamics", damping=spaced([held.damping[i]]), friction=spaced([held.friction[i]]))
+
+def _joint(
+    root: ET.Element, name: str, kind: str, *, links: tuple[str, str], frame: tuple[Floats, Floats]
+) -> ET.Element:
+    """A joint from one link to another, which stands at `frame`: (3,) m and a (3, 3) rotation."""
+    place, turn = frame
+    out = add(root, "joint", name=name, type=kind)
+    add(out, "origin", xyz=place, rpy=roll_pitch_yaw(turn))
+    add(out, "parent", link=links[0])
+    add(out, "child", link=links[1])
+    return out
 
 
 def _size(subject: Subject) -> float:
