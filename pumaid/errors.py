@@ -40,18 +40,18 @@ class Where:
     field: str | None = None
 
     def __str__(self) -> str:
+        return ", ".join(str(value) if name == "file" else f"{name} {value}" for name, value in self.parts().items())
+
+    def parts(self) -> dict[str, object]:
+        """The fields that are known."""
         parts = {item.name: getattr(self, item.name) for item in fields(self)}
-        words = (
-            str(value) if name == "file" else f"{name} {value}" for name, value in parts.items() if value is not None
-        )
-        return ", ".join(words)
+        return {name: value for name, value in parts.items() if value is not None}
 
 
 class PumaidError(Exception):
-    """A refusal that names what is wrong, where, and how to mend it.
+    """A refusal: `what` is wrong, in a sentence with the value in it, `where`, and what the user can do to `mend` it.
 
-    `slug` is its stable short name, explained in ``docs/messages.md``; `what` one sentence with the offending value in
-    it; `where` may be empty; `mend` is what the user can do.
+    `slug` is its stable short name, explained in ``docs/messages.md``.
     """
 
     def __init__(self, slug: str, what: str, where: Where | None = None, mend: str = "") -> None:
@@ -88,13 +88,7 @@ class ResultError(PumaidError):
 
 
 class Faults(PumaidError):
-    """Several refusals of one input, told together.
-
-    Parameters
-    ----------
-    faults
-        At least one error; each is printed in full, in the order given.
-    """
+    """Several refusals of one input, at least one, each printed in full, in the order given."""
 
     def __init__(self, faults: Iterable[PumaidError]) -> None:
         self.faults = tuple(faults)
@@ -115,10 +109,7 @@ def refuse(faults: Sequence[PumaidError]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something that a user should know about a result that is not an error.
-
-    `slug` as for errors (explained in ``docs/messages.md``); `text` one sentence with a value in it.
-    """
+    """Something that a user should know about a result that is not an error: a slug as of errors, and a sentence."""
 
     slug: str
     text: str
@@ -130,5 +121,4 @@ class Note:
 
     def as_json(self) -> dict[str, object]:
         """As a JSON object: ``{"note": slug, "text": ..., "where": {...}}``."""
-        place = {item.name: getattr(self.where, item.name) for item in fields(self.where)}
-        return {"note": self.slug, "text": self.text, "where": {k: v for k, v in place.items() if v is not None}}
+        return {"note": self.slug, "text": self.text, "where": self.where.parts()}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from pumaid.cli.output import content, document, notes, remark, table
+from pumaid.cli.output import content, document, notes, table, write_picture
 
 if TYPE_CHECKING:
     from pumaid.design.prior import Setup
@@ -111,15 +111,13 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
 
 def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
     """Draw the arm in every posture to `path`, and the schedule beside it (``NAME-timetable.png``)."""
-    from pumaid.io.write import write_file
     from pumaid.reporting.figures.arm import posture_figure
     from pumaid.reporting.figures.runs import timetable_figure
     from pumaid.trajectory import run_times
 
-    form, beside = path.suffix.lstrip(".").lower(), path.with_name(f"{path.stem}-timetable{path.suffix}")
-    write_file(path, posture_figure(plan, robot).file(form))
-    write_file(beside, timetable_figure(plan, robot, run_times(robot, plan)).file(form))
-    remark(f"pictures written to {path} and {beside}")
+    write_picture(path, posture_figure(plan, robot))
+    beside = path.with_name(f"{path.stem}-timetable{path.suffix}")
+    write_picture(beside, timetable_figure(plan, robot, run_times(robot, plan)))
 
 
 def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: bool) -> None:
