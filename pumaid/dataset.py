@@ -79,6 +79,9 @@ class Bins:
     variance: Floats  # (M,) A2, of the current inside the bin
     temperature: Floats  # (M,) degC, NaN where not measured
     extra: Floats | None = None  # (M, E) columns `Dataset.extra`, in the log's own units, NaN where not a number
+    velocities: Floats | None = None  # (M, J) of all joints, of a block of any motion
+    # (M, P) of a block: what each of the rigid body's base parameters asks of the joint
+    rigid_body: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.count)
@@ -103,10 +106,10 @@ class Means:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Run:
-    """One joint moving alone in one direction while the others are held."""
+    """One joint moving alone in one direction while the others are held; or one joint in a block of any motion."""
 
     joint: int  # moving joint, from 1
-    kind: str  # "constant" (constant speed) or "stroke" (from rest to rest; carries an inertia term)
+    kind: str  # "constant" (constant speed), "stroke" (from rest to rest) or "block" (any motion of all joints)
     origin: str  # file
     first_row: int  # of the file
     last_row: int
@@ -131,6 +134,8 @@ class Run:
     @property
     def velocity(self) -> Floats:
         """(M, J) of its bins: the moving joint's as measured, zero of those that are held."""
+        if self.bins.velocities is not None:
+            return self.bins.velocities
         out = np.zeros_like(self.bins.position)
         out[:, self.joint - 1] = self.bins.velocity
         return out
@@ -189,6 +194,9 @@ class Dataset:
         return tuple(run for run in self.runs if run.joint == joint)
 
 
+#: Kind of a run in which all joints may move, and what only the bins of such runs have.
+BLOCK, OF_BLOCKS = "block", ("velocities", "rigid_body")
+
 #: What a damaged archive makes of zip and numpy.
 _DAMAGES: tuple[type[Exception], ...] = (
     *(ArithmeticError, AttributeError, EOFError, LookupError, MemoryError, OSError, RuntimeError, TypeError),
@@ -204,14 +212,14 @@ def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any])
     """
     about: dict[str, Any] = {"made_from": made_from, "extra": dataset.extra}
     about |= {name: [asdict(item) for item in getattr(dataset, name)] for name in ("files", "notes")}
-    arrays = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for name, records in (("runs", dataset.runs), ("rejects", dataset.rejects)):
         plain = [{item.name: getattr(record, item.name) for item in fields(record)} for record in records]
         about[name] = [values | {"bins": -1 if values["bins"] is None else len(values["bins"])} for values in plain]
         bins = [record.bins for record in records if record.bins is not None]
         for item in fields(bins[0]) if bins else ():
-            if getattr(bins[0], item.name) is not None:
-                arrays[f"{name}.{item.name}"] = np.concatenate([getattr(part, item.name) for part in bins])
+            parts = [values for part in bins if (values := getattr(part, item.name)) is not None]
+            arrays |= {f"{name}.{item.name}": np.concatenate(parts)} if parts else {}
     text = json.dumps(about, default=np.ndarray.tolist).encode()
     np.savez(sink, about=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
 
@@ -248,12 +256,14 @@ def _with_bins(
 ) -> Iterator[dict[str, Any]]:
     """The fields of each record with its bins, which follow one another in the arrays."""
     columns = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
-    first = 0
+    first = dict.fromkeys(columns, 0)
     for values in records:
-        last = first + max(values["bins"], 0)
-        bins = {key: column[first:last] for key, column in columns.items()}
+        bins = {}
+        for key, column in columns.items():
+            if key not in OF_BLOCKS or values.get("kind") == BLOCK:
+                last = first[key] + max(values["bins"], 0)
+                bins[key], first[key] = column[first[key] : last], last
         yield values | {"bins": kind(**bins) if values["bins"] >= 0 else None}
-        first = last
 
 
 def coarser(bins: Binned, size: int) -> Binned:

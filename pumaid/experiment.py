@@ -107,16 +107,18 @@ class Experiment:
         from pumaid.io.paths import expand, meant
         from pumaid.io.plan_file import find_plan, read_plan
         from pumaid.preprocessing.hold_out import hold_out, match_with_plan
+        from pumaid.preprocessing.options import DEFAULTS
 
         paths = expand(self.logs)
         plan = find_plan([self.folder])
-        made_from = dataset_inputs(self.robot, plan, options=repr(options), trust=self.trust, columns=list(extra))
+        made_from = dataset_inputs(
+            self.robot, plan, options=repr(options or DEFAULTS), trust=self.trust, columns=list(extra)
+        )
         sizes = [path.stat().st_size for path in paths if isinstance(path, Path) and path.is_file()]
         file = self.results_folder / DATASET if len(sizes) == len(paths) else None
         dataset = read_dataset(file, paths, made_from, tell=self.tell) if file else None
         if dataset is None:
             from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
-            from pumaid.preprocessing.options import DEFAULTS
 
             words: dict[str, Any] = {"extra": extra, "options": options or DEFAULTS, "trust": self.trust}
             with dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs) as executor:

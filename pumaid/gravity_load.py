@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
-from pumaid.joint_bins import swept
+from pumaid.joint_bins import JointBins, swept
 from pumaid.samples import Loads, Samples
 
 if TYPE_CHECKING:
@@ -32,6 +33,18 @@ def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, sc
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
     drawn = load[:, 0] + _friction(model, samples, solution)
     return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
+
+
+def with_inertia(model: Model, bins: JointBins, gravity: Loads, weights: Floats) -> Loads:
+    """Loads at the bins, or at their nodes, those in blocks of any motion with the joint's inertial load.
+
+    `weights` (p,) are the model's parameters in the joint's own gain.
+    """
+    if bins.rigid_body is None or not model.is_dynamic:
+        return gravity
+    torque = np.repeat(bins.rigid_body @ weights[model.inertial], len(gravity.moving) // len(bins))
+    moving = np.where(np.isfinite(torque), torque, gravity.moving)
+    return replace(gravity, moving=moving, drawn=gravity.drawn + moving - gravity.moving)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:

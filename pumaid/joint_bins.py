@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Bins, Campaign, Run, coarser
+from pumaid.dataset import BLOCK, Bins, Campaign, Run, coarser
 from pumaid.kinematics import posture_groups
 from pumaid.preprocessing.differentiate import acceleration
-from pumaid.preprocessing.options import CONSTANT
+from pumaid.preprocessing.options import CONSTANT, STROKE
 from pumaid.preprocessing.replicates import replicates
 from pumaid.robot import Robot
 from pumaid.samples import Extent, Loads, Samples
@@ -51,7 +51,8 @@ class JointBins:
     one stand at the run's mean posture: held joints creep by thousandths of a rad, and columns of weight that differ by
     that alone would let weights of any size explain anything. `current` (N,) A is of the moving joint, `count` (N,) the
     samples behind it, `inside` (N,) A2 of variance inside the bin, `first` and `step` (R,) are the first bin of each
-    run, and s that its bins last.
+    run, and s that its bins last. `rigid_body` (N, P) is what its parameters ask of the joint in blocks of any motion,
+    NaN in other runs; None where there is no block.
     """
 
     joint: int
@@ -62,6 +63,7 @@ class JointBins:
     inside: Floats
     first: Counts
     step: Floats
+    rigid_body: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.current)
@@ -86,14 +88,31 @@ class JointBins:
         return np.array([run.kind != CONSTANT for run in self.runs], dtype=bool)
 
     @property
+    def has_strokes(self) -> bool:
+        """Whether a run goes from rest to rest."""
+        return any(run.kind == STROKE for run in self.runs)
+
+    @property
+    def is_block(self) -> NDArray[np.bool_]:
+        """(R,) runs in which all joints may move."""
+        return np.array([run.kind == BLOCK for run in self.runs], dtype=bool)
+
+    @property
     def mean_square(self) -> float:
         """Mean squared current of a sample, A2."""
         return float(self.count @ (self.current**2 + self.inside) / self.count.sum())
 
     @property
     def speeds(self) -> tuple[float, ...]:
-        """Distinct speeds, rising, rad/s or m/s."""
-        return distinct([abs(run.speed) for run in self.runs])
+        """Distinct speeds, rising, rad/s or m/s; of blocks, in which a joint has any, tenths of those it has."""
+        moving = np.abs(self.samples.velocity[self.is_block[self.run], self.joint - 1])
+        blocks = np.quantile(moving, np.linspace(0.1, 0.9, 9)).tolist() if len(moving) else []
+        return distinct([*(abs(run.speed) for run in self.runs if run.kind != BLOCK), *blocks])
+
+    @property
+    def directions(self) -> frozenset[int]:
+        """+1, -1 or both: the ways in which the joint moves."""
+        return frozenset(np.unique(self.samples.direction).astype(int).tolist())
 
     @cached_property
     def groups(self) -> list[tuple[int, ...]]:
@@ -135,17 +154,24 @@ class JointBins:
         They match the first five moments of as many equal steps as the bin has samples, so that a ripple with two bins
         a period is not averaged away, and a bin of three samples or fewer is exact.
         """
-        n, moving, time = self.count, self.joint - 1, self.samples.time
+        n, moving, time, is_block = self.count, self.joint - 1, self.samples.time, self.is_block[self.run]
         last = self.first + self.lengths - 1
         between = self.sums(n) - 0.5 * (n[self.first] + n[last])
-        step = ((time[last] - time[self.first]) / np.maximum(between, 1.0))[self.run]  # s between samples
+        # s between samples; between the cells of a block there may be gaps.
+        step = ((time[last] - time[self.first]) / np.maximum(between, 1.0))[self.run]
+        step = np.where(is_block, self.step[self.run] / n, step)
         spread = np.sqrt(np.maximum(3.0 * n**2 - 7.0, 0.0) / 20.0)
         side = np.divide(n**2 - 1.0, 24.0 * spread**2, out=np.zeros(len(n)), where=spread > 0)
+        # The window of a block's cells is three means over a cell, of variance a quarter of its square.
+        spread, side = np.where(is_block, np.sqrt(0.75) * n, spread), np.where(is_block, 1.0 / 6.0, side)
         ahead = ((step * spread)[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
         three: dict[str, Any] = {name: np.repeat(values, 3, axis=0) for name, values in self.samples.series().items()}
         rise = self.rises(time)
         jerk = np.divide(self.rises(self.samples.acceleration), rise, out=np.zeros(len(self)), where=rise > 0.0)
         is_stroke = self.is_stroke[self.run]
+        beside = three["velocity"] * (np.repeat(is_block, 3) * ahead)[:, None]
+        beside[:, moving] = 0.0
+        three["position"] += beside
         moved = three["velocity"][:, moving] * ahead
         three["velocity"][:, moving] += np.repeat(is_stroke, 3) * three["acceleration"] * ahead
         three["acceleration"] += np.repeat(is_stroke * jerk, 3) * ahead
@@ -166,9 +192,10 @@ class JointBins:
         return np.einsum("ng,ng...->n...", self.nodes[1], values.reshape(len(self), 3, *values.shape[1:]))
 
     def variance(self, values: Floats) -> Floats:
-        """(N,) variance inside the bins of (3 N,) values at the nodes."""
+        """(N,) variance inside the bins of (3 N,) values at the nodes; none in blocks, see `inside_left`."""
         three = values.reshape(len(self), 3)
-        return np.asarray(np.sum(self.nodes[1] * (three - self.averaged(values)[:, None]) ** 2, axis=1))
+        spread = np.sum(self.nodes[1] * (three - self.averaged(values)[:, None]) ** 2, axis=1)
+        return np.where(self.is_block[self.run], 0.0, spread)
 
     def rises(self, values: Floats) -> Floats:
         """(N,) central difference of values from bin to bin inside each run, one-sided at its ends."""
@@ -180,7 +207,8 @@ class JointBins:
         """(N,) A2 of variance inside bins that a prediction (N,) leaves; `own` is its own variance there, by default
         that of its straight line from bin to bin."""
         rise, slope = self.rises(drawn), self.rises(self.current - drawn)
-        wide = (1.0 - 1.0 / self.count**2) / 12.0
+        # The variance in a block's cells is about a straight line already.
+        wide = np.where(self.is_block[self.run], 0.0, (1.0 - 1.0 / self.count**2) / 12.0)
         remaining = self.inside - (rise**2 * wide if own is None else own) - 2.0 * rise * slope * wide
         return np.where(remaining > ROUNDED * self.inside, remaining, 0.0)
 
@@ -206,13 +234,32 @@ def joint_bins(
         thin = [_thinned(run, most, turn=turn, is_settled=is_settled) for run in chosen]
         lengths = np.array([len(run.bins) for run in thin])
         first = (np.cumsum(lengths) - lengths).astype(np.int64)
-        step = np.array([run.duration for run in thin]) / np.maximum(lengths, 1)
+        step = np.array([_bin_step(run) for run in thin])
         count, current, inside = (
             np.concatenate([getattr(run.bins, name) for run in thin]) for name in ("count", "current", "variance")
         )
         samples = joined([samples_of(run, campaign) for run in thin])
-        out.append(JointBins(joint, chosen, samples, current, count.astype(float), inside, first, step))
+        rigid_body = _rigid_body(thin)
+        out.append(JointBins(joint, chosen, samples, current, count.astype(float), inside, first, step, rigid_body))
     return tuple(out)
+
+
+def _bin_step(run: Run) -> float:
+    """s that the bins of a run last; between cells of a block some are left out."""
+    if run.kind == BLOCK and len(run.bins) > 1:
+        return float(np.median(np.diff(run.bins.time)))
+    return run.duration / max(len(run.bins), 1)
+
+
+def _rigid_body(runs: Sequence[Run]) -> Floats | None:
+    """(N, p) of all bins of some runs, NaN where a run is no block; None where none is."""
+    width = next((run.bins.rigid_body.shape[1] for run in runs if run.bins.rigid_body is not None), None)
+    if width is None:
+        return None
+    empty = (np.full((len(run.bins), width), np.nan) for run in runs)
+    return np.concatenate(
+        [e if r.bins.rigid_body is None else r.bins.rigid_body for e, r in zip(empty, runs, strict=True)]
+    )
 
 
 def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Run:
@@ -235,21 +282,35 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
     bins, moving = run.bins, run.joint - 1
     velocity, position = run.velocity, np.tile(run.posture, (len(bins), 1))
     position[:, moving] = bins.position[:, moving]
+    direction, travel = (
+        np.full(len(bins), float(run.direction)),
+        campaign.lead(run) + np.abs(position[:, moving] - run.span[0]),
+    )
     if run.kind == CONSTANT:
         velocity[:, moving] = run.speed
+    if run.kind == BLOCK:
+        position, direction = bins.position, np.where(bins.velocity < 0.0, -1.0, 1.0)
+        travel = _since_reversal(bins.position[:, moving], direction)
     return Samples(
         run.joint,
         position,
         velocity,
         acceleration=bins.acceleration,
-        direction=np.full(len(bins), float(run.direction)),
+        direction=direction,
         time=campaign.since(run.joint, run.clock, bins.time),
         elapsed=campaign.since(0, run.clock, bins.time),
-        travel=campaign.lead(run) + np.abs(bins.position[:, moving] - run.span[0]),
+        travel=travel,
         temperature=bins.temperature,
         run=np.zeros(len(bins)),
         extra=bins.extra,
     )
+
+
+def _since_reversal(position: Floats, direction: Floats) -> Floats:
+    """(M,) rad or m that a joint has moved since it last turned back, or since the first of (M,) positions."""
+    turned = np.flatnonzero(np.diff(direction, prepend=0.0))
+    start = np.repeat(position[turned], np.diff(turned, append=len(position)))
+    return np.abs(position - start)
 
 
 def joined(many: Sequence[Samples]) -> Samples:
@@ -275,10 +336,19 @@ def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *
 
     Exact for whatever is a direction of a link, a lever or a load, or a product of two of them, while one joint moves
     (`turns`, or slides) and the others stand: two harmonics of its position, or its square of a slide's. Columns with a
-    NaN in a run are NaN in all of it.
+    NaN in a run are NaN in all of it. Where other joints move, too, the table is asked at every instant.
     """
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-    moving = samples.joint - 1
+    starts, moving = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64), samples.joint - 1
+    is_free = np.logical_or.reduceat(np.delete(samples.velocity, moving, axis=1).any(axis=1), starts)
+    free = np.flatnonzero(np.repeat(is_free, sizes))
+    if len(free) == len(samples):
+        return table(samples)
+    if len(free):
+        rest = np.flatnonzero(~np.repeat(is_free, sizes))
+        alone = swept(at(samples, rest), sizes[~is_free], table, turns=turns)
+        out = np.empty((len(samples), alone.shape[1]))
+        out[rest], out[free] = alone, table(at(samples, free))
+        return out
     places = np.linspace(0.0, 2.0 * np.pi, PLACES, endpoint=False) if turns else np.linspace(-1.0, 1.0, PLACES)
     knots = at(samples, np.repeat(starts, PLACES))
     position = knots.position.copy()

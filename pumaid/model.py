@@ -12,26 +12,30 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Run
+from pumaid.dataset import BLOCK, Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import SAME_POSTURE, JointBins, swept
 from pumaid.kinematics import apart
 from pumaid.preprocessing.options import STROKE
+from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 from pumaid.samples import Loads, Samples
-from pumaid.structure import Structure, minimal
+from pumaid.structure import Structure, in_motion, minimal
 
 Floats = NDArray[np.float64]
 
 #: Name of a column that stands for an unknown delay of a joint's current in its strokes.
 DELAY = "delay"
+#: Name of the columns of what a rigid body has beside weight.
+INERTIA = "inertia"
 
 
 class Model:
     """The arm's base model (gravity, Coulomb, viscous) with an inertia a posture group where strokes are, and more.
 
+    Where all joints may move (`is_dynamic`) it has the rigid body's base parameters instead, weight among them.
     `stroke_postures` are (joint, held positions (J,)) of each group of strokes, numbered in this order at each joint;
     the columns of `effects`, shapes filled in, come last. The current of the joints `delays` may come late in strokes,
     by a time that is known to be short before any data.
@@ -44,12 +48,17 @@ class Model:
         effects: Sequence[EffectTerm] = (),
         *,
         delays: Sequence[int] = (),
+        is_dynamic: bool = False,
     ) -> None:
-        self.robot = robot
-        self.structure: Structure = minimal(robot)
+        self.robot, self.is_dynamic = robot, is_dynamic
+        self.structure: Structure = in_motion(robot) if is_dynamic else minimal(robot)
         self.stroke_postures = tuple((joint, tuple(float(p) for p in held)) for joint, held in stroke_postures)
         late = [Column(f"{DELAY}.j{n}", f"dt{n}", "s", "how late the current is", n, DELAY) for n in delays]
         self._base = (*self._base_columns(), *late)
+        names = [column.name for column in self._base]
+        #: Columns of the rigid body's base parameters, in their order.
+        inertial = rigid_body_names(robot) if is_dynamic else []
+        self.inertial = np.array([names.index(name) for name in inertial], dtype=np.int64)
         self._base_designs = WeakKeyDictionary[JointBins, Floats]()  # shared by models with other effects
         self._choose(effects)
 
@@ -82,6 +91,8 @@ class Model:
             kinds.setdefault(run.joint, set()).add(run.kind)
             if run.kind == STROKE and _group(groups, run.joint, run.posture) is None:
                 groups.append((run.joint, np.nan_to_num(run.posture)))
+        if any(BLOCK in of_joint for of_joint in kinds.values()):
+            return cls(robot, (), effects, is_dynamic=True)
         groups.sort(key=lambda item: item[0])
         late = [joint for joint in sorted(kinds) if STROKE in kinds[joint] and (all_delays or len(kinds[joint]) > 1)]
         return cls(robot, [(joint, tuple(held)) for joint, held in groups], effects, delays=late)
@@ -96,12 +107,14 @@ class Model:
             fitted = tuple(part.shape for part in parts if part.shape is not None and part.name in values)
             sizes = tuple(float(values[part.name]) for part in parts if part.shape is None)
             effects.append(replace(term, fitted=fitted, sizes=sizes))
-        return cls(robot, estimate.stroke_postures, effects)
+        is_dynamic = any(name.startswith((f"{INERTIA}.l", "rotor.")) for name in estimate.names)
+        return cls(robot, estimate.stroke_postures, effects, is_dynamic=is_dynamic)
 
     def _base_columns(self) -> Iterable[Column]:
         """Every parameter of the paper's model that exists for this arm, effect by effect."""
         chosen = [effect for effect in catalogue().values() if effect.base or effect.per_posture]
         chosen.sort(key=lambda effect: (effect.scope is not Scope.LINK, not effect.base, effect.name))
+        yield from self._inertial_columns()
         for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
             held = sum(joint == number for joint, _ in self.stroke_postures)
             for group in range(held) if effect.per_posture else (None,):
@@ -109,6 +122,15 @@ class Model:
                 parts = EffectTerm(effect, number, mark=mark).parts(self.robot, None)
                 exist = (part for part in parts if part.name not in self.structure.absent)
                 yield from (replace(part, group=group, span=math.inf) for part in exist)
+
+    def _inertial_columns(self) -> Iterable[Column]:
+        """Base parameters of the rigid body that no weight shows."""
+        for name in rigid_body_names(self.robot) if self.is_dynamic else ():
+            kind, owner, *part = name.split(".")
+            link, symbol = int(owner[1:]), f"I{owner[1:]}{part[0] if part else ''}"
+            if kind != "gravity":
+                unit = "A s2/m" if name.endswith((".m", ".mx", ".my", ".mz")) else "A s2/rad"
+                yield Column(name, symbol, unit, "inertia", link, INERTIA, scope=Scope.LINK)
 
     def regressor(self, samples: Samples) -> Floats:
         """(M, p) A in joint `samples.joint` per unit of every parameter, those of links in units of their own gain.
@@ -121,10 +143,11 @@ class Model:
         """(M, b) of the paper's model along runs of `sizes` instants each; all joints but the moving one stand."""
         links = np.array([column.scope is Scope.LINK for column in self._base])
         turns = self.robot.joint(samples.joint).is_revolute
-        weights = swept(samples, sizes, lambda knots: self.base(knots)[:, links], turns=turns)
+        still = replace(samples, acceleration=np.zeros(len(samples)))
+        weights = swept(still, sizes, lambda knots: self.base(knots)[:, links], turns=turns)
         out = self.base(samples, links=False)
         out[:, links] = weights
-        return out
+        return self._accelerated(samples, out)
 
     def design(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(N, p) means of the regressor over the bins of one joint; 0 for unknown delays, which wait for a fit.
@@ -132,18 +155,27 @@ class Model:
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
         if bins not in self._base_designs:
-            self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
+            self._base_designs[bins] = self._of_blocks(bins, bins.averaged(self._base_at_nodes(bins)))
         beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
         return np.hstack([self._base_designs[bins], bins.averaged(beyond)])
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
-        return np.hstack([self._base_at_nodes(bins), self.beyond(replace(bins.nodes[0], loads=gravity))])
+        base = self._of_blocks(bins, self._base_at_nodes(bins), times=3)
+        return np.hstack([base, self.beyond(replace(bins.nodes[0], loads=gravity))])
 
     def _base_at_nodes(self, bins: JointBins) -> Floats:
-        nodes, stroke = bins.nodes[0], np.repeat(bins.is_stroke[bins.run], 3)
-        steady = replace(nodes, acceleration=np.where(stroke, nodes.acceleration, 0.0))
+        nodes, moves = bins.nodes[0], np.repeat(bins.is_stroke[bins.run], 3)
+        steady = replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0))
         return self.along(steady, 3 * bins.lengths)
+
+    def _of_blocks(self, bins: JointBins, base: Floats, *, times: int = 1) -> Floats:
+        """(times N, b) with what the rigid body asks in blocks of any motion, which was averaged with the current."""
+        if bins.rigid_body is None or not self.is_dynamic:
+            return base
+        rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), times))
+        base[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // times]
+        return base
 
     def base(self, samples: Samples, *, links: bool = True) -> Floats:
         """(M, b) of the paper's model; the columns of links are left zero unless `links`, those of delays always."""
@@ -155,6 +187,9 @@ class Model:
             is_felt = links and column.owner >= moving if is_link else column.owner == moving
             if column.effect != DELAY and is_felt:
                 acting.setdefault(column.effect, []).append((index, column))
+        if self.is_dynamic:
+            acting.pop(INERTIA, None)
+            out = self._accelerated(samples, out) if links else out
         for name, columns in acting.items():
             effect, owners = catalogue()[name], sorted({column.owner for _, column in columns})
             values = effect.columns_of(self.robot, samples, owners)
@@ -163,6 +198,17 @@ class Model:
                 position = 0 if column.group is not None else names.index(column.name.rsplit(".", 1)[1])
                 part = values[column.owner][:, position]
                 out[:, index] = part if column.group is None else np.where(groups == column.group, part, 0.0)
+        return out
+
+    def _accelerated(self, samples: Samples, out: Floats) -> Floats:
+        """(M, b) with what the rigid body asks where the moving joint accelerates alone."""
+        if not self.is_dynamic or not samples.acceleration.any():
+            return out
+        pull = np.zeros((self.robot.n_joints, len(samples)))
+        pull[samples.joint - 1] = samples.acceleration
+        body = replace(base_parameters(self.robot), robot=replace(self.robot, gravity=(0.0, 0.0, 0.0)))
+        rows = body.rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
+        out[:, self.inertial[-len(rows) :]] += rows.T
         return out
 
     def beyond(self, samples: Samples) -> Floats:
@@ -200,6 +246,16 @@ class Model:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""
         factors = np.nan_to_num(self.factors(estimate.scales, samples.joint))
         return np.asarray(self.regressor(samples) @ (factors * estimate.solution))
+
+
+def rigid_body_names(robot: Robot) -> list[str]:
+    """The names that the base parameters of the rigid body have as parameters of a model."""
+    names = []
+    for link, part in base_parameters(robot).names:
+        weights = {"mx": "x", "my": "y"} if robot.joint(link).is_revolute else {"m": "mass"}
+        inertia = f"rotor.j{link}" if part == "rotor" else f"{INERTIA}.l{link}.{part}"
+        names.append(f"gravity.l{link}.{weights[part]}" if part in weights else inertia)
+    return names
 
 
 def _group(groups: Sequence[tuple[int, Floats]], joint: int, posture: Floats) -> int | None:

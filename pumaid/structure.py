@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pumaid.effects import catalogue
 from pumaid.maths import rank
 from pumaid.maths.bilinear import Recursion
+from pumaid.rigid_body import base_parameters
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Samples
 
@@ -42,6 +43,18 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
     here by rank instead of by their case rules.
     """
     return _of_geometry(tuple(robot.joints), tuple(robot.gravity), seed)
+
+
+def in_motion(robot: Robot) -> Structure:
+    """The parameters of gravity that no motion of all joints shows; ratios of gains are left to the data."""
+    shown = {(link, part.removeprefix("m") or "mass") for link, part in base_parameters(robot).names}
+    absent = {
+        f"gravity.l{joint.number}.{parameter.name}": "no motion of this arm shows it apart from inner links' parameters"
+        for joint in robot.joints
+        for parameter in catalogue()["gravity"].parameters(robot, joint.number)
+        if (joint.number, parameter.name) not in shown
+    }
+    return Structure(absent)
 
 
 @lru_cache(maxsize=16)  # one command makes many models of one arm

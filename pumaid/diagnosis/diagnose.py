@@ -117,7 +117,7 @@ def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
 
 def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
     """What makes a joint's diagnosis weaker than it could be."""
-    pairs, speeds, directions = len(bins.pairs), len(bins.speeds), {run.direction for run in bins.runs}
+    pairs, speeds, directions = len(bins.pairs), len(bins.speeds), bins.directions
     repeated = {0: "no run is", 1: "only one run is"}.get(pairs, f"only {pairs} runs are")
     claims = (
         (
@@ -134,7 +134,7 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
             "one direction only: friction cannot be told from what pushes the same way in both",
             len(directions) == 1,
         ),
-        ("strokes from rest to rest: speed, position and start of a run change together", bins.is_stroke.any()),
+        ("strokes from rest to rest: speed, position and start of a run change together", bins.has_strokes),
         (
             "one joint only: gravity's loads cannot be checked against other joints",
             len({run.joint for run in runs}) == 1,

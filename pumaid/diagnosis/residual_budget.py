@@ -463,11 +463,11 @@ def _orthonormal(columns: Floats, weight: Floats, taken: Floats | None = None) -
 
 def _limits(bins: JointBins, *, has_load: bool) -> list[str]:
     """What these runs cannot split."""
-    strokes = bool(bins.is_stroke.any())
+    strokes = bins.has_strokes
     claims = {
         "few-runs": len(bins.runs) < FEWEST_RUNS,
         "no-replicates": not bins.pairs,
-        "one-direction": len({run.direction for run in bins.runs}) == 1,
+        "one-direction": len(bins.directions) == 1,
         "one-posture": len(bins.postures) == 1,
         "one-speed": len(bins.speeds) == 1 and not strokes,
         "two-speeds": len(bins.speeds) == 2 and not strokes,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.estimation.fit import Fit, run_of
+from pumaid.estimation.fit import Fit, clusters
 from pumaid.maths.bilinear import Bilinear, Gains
 
 Floats = NDArray[np.float64]
@@ -126,8 +126,8 @@ def two_sided(statistic: float, freedoms: float) -> float:
 def fit_covariance(fitted: Fit) -> Clustered:
     """Of all parameters and ratios of a fit, clustered by run."""
     solution, inverse = fitted.solution, fitted.inverse
-    kin = np.repeat([row.joint for row in fitted.rows], [len(row.bins.runs) for row in fitted.rows])
-    errors = clustered(solution.jacobian, solution.residual, inverse, runs=run_of(fitted.rows), kin=kin)
+    runs, kin = clusters(fitted.rows)
+    errors = clustered(solution.jacobian, solution.residual, inverse, runs=runs, kin=kin)
     # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
     priors = inverse * fitted.prior
     return Clustered(errors.covariance + priors @ priors.T, errors.freedoms)

@@ -17,7 +17,7 @@ from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, Joint
 from pumaid.estimation import warnings
 from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
-from pumaid.estimation.fit import run_of
+from pumaid.estimation.fit import clusters
 from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import FittedParameters, combinations
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
@@ -82,7 +82,7 @@ def _estimate(
     fitted, model = result.fit, result.fit.model
     assert fitted.first is not None
     start = fitted.first.solution
-    errors = recursion_covariance(fitted.first.system, start.values, start.gains, runs=run_of(fitted.first.rows))
+    errors = recursion_covariance(fitted.first.system, start.values, start.gains, runs=clusters(fitted.first.rows)[0])
     parameters = of_recursion = FittedParameters.of(fitted, errors, coverage, recursive=True)
     if not recursive:
         errors = fit_covariance(fitted)

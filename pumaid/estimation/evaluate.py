@@ -11,10 +11,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Campaign, Dataset, Reject, Run
+from pumaid.dataset import BLOCK, Campaign, Dataset, Reject, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
-from pumaid.gravity_load import along, loads
+from pumaid.gravity_load import along, loads, with_inertia
 from pumaid.joint_bins import JointBins, at, joined, joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
@@ -221,6 +221,7 @@ class JointPrediction:
         gravity = None
         if model.needs_loads():
             gravity = along(model, nodes, 3 * bins.lengths, solution=estimate.solution, scales=estimate.scales)
+            gravity = with_inertia(model, bins, gravity, self._factors * estimate.solution)
         fine, count = model.at_nodes(bins, gravity), bins.count
         self.design = bins.averaged(fine)
         names = np.array([column.effect for column in model.columns])
@@ -340,6 +341,8 @@ class JointPrediction:
     def _undetermined(self, run: Run, rows: Floats) -> str | None:
         """Why the fitted data cannot tell what `run` should draw, or None where they can."""
         estimate, model = self.estimate, self.model
+        if run.kind == BLOCK and not model.is_dynamic:
+            return "several joints move, and the model was fitted to motions of one: inertia is missing"
         if model.is_foreign(run):
             stand_in = any(joint == run.joint for joint, _ in estimate.stroke_postures)
             instead = "that of the nearest posture stands in" if stand_in else "none is counted"

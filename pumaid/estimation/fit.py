@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation import noise as noises
 from pumaid.estimation.noise import Levels, NoiseModel, reduced
-from pumaid.gravity_load import along
+from pumaid.gravity_load import along, with_inertia
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
 from pumaid.maths.bilinear import Bilinear, Gains, JointSolution
@@ -300,11 +301,15 @@ class Fit:
         return FitRow(bins, noise, acting, white[:, :-1], white[:, -1], bare[:, acting], misfit, bare.shape[1])
 
 
-def run_of(rows: Sequence[Row]) -> Counts:
-    """(N,) number of the run that each equation of some rows belongs to."""
-    before = np.cumsum([0, *[len(row.bins.runs) for row in rows]])
-    parts = zip(before, rows, strict=False)
-    return np.concatenate([n + np.repeat(np.arange(len(r.bins.runs)), r.target.shape[1]) for n, r in parts])
+def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
+    """(N,) cluster (from 0) of each equation of some rows, a run or a block of all joints; (R,) the joint of each, 0 of
+    blocks.
+    """
+    runs = [run for row in rows for run in row.bins.runs]
+    keys = [(run.joint * (run.kind != BLOCK), run.origin, run.first_row, run.clock) for run in runs]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    widths = [row.target.shape[1] for row in rows for _ in row.bins.runs]
+    return np.repeat([numbers[key] for key in keys], widths), np.array([joint for joint, *_ in numbers])
 
 
 def rmse_by_joint(fitted: Fit) -> dict[int, float]:
@@ -312,9 +317,11 @@ def rmse_by_joint(fitted: Fit) -> dict[int, float]:
     return {joint: row.rmse for joint, row in fitted.by_bin.items()}
 
 
-def with_loads(fitted: Fit, samples: Samples, sizes: Counts) -> Samples:
-    """(M,) samples of runs of `sizes` instants each, with gravity's loads by the fit."""
-    loads = along(fitted.model, samples, sizes, solution=fitted.values, scales=fitted.scales())
+def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Samples:
+    """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit."""
+    samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
+    loads = along(fitted.model, samples, times * bins.lengths, solution=fitted.values, scales=fitted.scales())
+    loads = with_inertia(fitted.model, bins, loads, fitted.factors(bins.joint) * fitted.values)
     return replace(samples, loads=loads)
 
 
@@ -348,7 +355,7 @@ def loaded(fitted: Fit) -> Fit:
 
 
 def _loaded(fitted: Fit, bins: JointBins) -> JointBins:
-    return replace(bins, samples=with_loads(fitted, bins.samples, bins.lengths))
+    return replace(bins, samples=with_loads(fitted, bins))
 
 
 def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Floats:
@@ -357,7 +364,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
     if any(term.effect.needs_loads and term.touches(bins.joint) for term in model.effects):
         if before is None:
             raise ValueError("effects of the load wait for a fit")
-        loads = with_loads(before, bins.nodes[0], 3 * bins.lengths).loads
+        loads = with_loads(before, bins, at_nodes=True).loads
     design = model.design(bins, loads)
     for n, column in enumerate(model.columns):
         if column.effect == DELAY and column.place is None and column.owner == bins.joint:
@@ -433,7 +440,7 @@ class Projector:
         if self.whole is None or not needs_loads:
             return points
         if joint not in self._loaded:
-            self._loaded[joint] = with_loads(self.whole, points, (3 if self.at_nodes else 1) * bins.lengths)
+            self._loaded[joint] = with_loads(self.whole, bins, at_nodes=self.at_nodes)
         return self._loaded[joint]
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:

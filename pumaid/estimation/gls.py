@@ -26,7 +26,7 @@ from pumaid.maths.bilinear import (
     ratio_spread,
     restarted,
 )
-from pumaid.model import DELAY, Model
+from pumaid.model import DELAY, INERTIA, Model
 from pumaid.preprocessing.options import STROKE
 
 Floats = NDArray[np.float64]
@@ -261,11 +261,11 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
     theta = np.append(fitted.values, fitted.gains.ratios)
     least = np.append(fitted.limit, np.ones(len(theta) - p))
     terms = [(place, t) for place, t in enumerate(model.effects) if t.effect.needs_loads and t.touches(bins.joint)]
-    makes = [c.place is None and (c.effect == "gravity" or c.owner == bins.joint) for c in model.columns]
+    makes = [c.place is None and (c.scope is Scope.LINK or c.owner == bins.joint) for c in model.columns]
 
     def drawn(theta: Floats) -> Floats:
         solution = replace(fitted.solution, values=theta[:p], gains=fitted.gains.with_ratios(theta[p:]))
-        samples = with_loads(replace(fitted, solution=solution), bins.samples, bins.lengths)
+        samples = with_loads(replace(fitted, solution=solution), bins)
         return np.sum([term.linear(model.robot, samples) @ fitted.sizes(place) for place, term in terms], axis=0)
 
     out, start = np.zeros((len(bins), len(theta))), drawn(theta)
@@ -296,6 +296,9 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
             runs = [run for row in rows if row.joint == column.owner for run in row.bins.runs if run.kind == STROKE]
             steps = [run.duration / max(run.samples, 1) for run in runs]
             out.append((0.5 * float(np.mean(steps)) if steps else 0.0) + LAG)
+        elif column.effect == INERTIA and column.scope is Scope.LINK:
+            peaks = [(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows if row.joint == column.owner]
+            out.append(plausible(peaks, np.inf))
         else:
             in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)

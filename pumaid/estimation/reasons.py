@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pumaid.dataset import Run
+from pumaid.dataset import BLOCK, Run
 from pumaid.effect_spec import Column
 from pumaid.effects import Family, Scope
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
 from pumaid.model import Model
+from pumaid.preprocessing.options import CONSTANT
 from pumaid.units import number
 
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
@@ -26,6 +27,7 @@ LEAST_LEVER = 0.035
 
 MOVE_ALONE = "move the joint alone, at several speeds, both ways"
 LEVEL = "repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
+WITH_TOOL = "record more, and more varied, motion, with a tool or payload of 1 to 2 kg"
 TRAVEL = "let the joint travel further, in both directions"
 #: Kind -> why a parameter is not determined, and the run that would show it (None where no run would).
 REASONS: dict[str, tuple[str, str | None]] = {
@@ -74,6 +76,15 @@ REASONS: dict[str, tuple[str, str | None]] = {
         "link {outer} is too light to be felt by joint {inner}: its weight moves that current by about {felt} A, known"
         " to {noise} A",
         "repeat the runs of joint {inner} with a payload and joint {outer} held at two positions",
+    ),
+    "ratio, light link in motion": (
+        "link {outer} is too light to be felt by joint {inner}: what it asks of that current is about {felt} A, known"
+        " to {noise} A",
+        WITH_TOOL,
+    ),
+    "ratio in motion": (
+        "in this motion joint {inner}'s own load cannot be told from the load outward of it",
+        WITH_TOOL,
     ),
     "ratio": (
         "in no posture of these logs can joint {inner}'s own weight be told from the weight outward of it",
@@ -125,15 +136,24 @@ class JointCoverage:
     def of(cls, joint: int, runs: Sequence[Run]) -> JointCoverage:
         """Of the runs in which `joint` (from 1) moves."""
         moving = [run for run in runs if run.joint == joint]
-        speeds = {sign: tuple(sorted(abs(run.speed) for run in moving if run.direction == sign)) for sign in (1, -1)}
+        speeds = {sign: tuple(sorted(filter(None, (_speed(run, sign) for run in moving)))) for sign in (1, -1)}
         held = np.array([run.posture[joint:] for run in moving])
         postures = posture_groups(held, SAME_POSTURE)
-        return cls(len(moving), speeds, len(postures), sum(run.kind == "stroke" for run in moving))
+        # In a block the joints outward move, too.
+        many = any(run.kind == BLOCK for run in moving)
+        return cls(len(moving), speeds, max(len(postures), 2 * many), sum(run.kind != CONSTANT for run in moving))
 
     def has_one_speed(self, sign: int) -> bool:
         """Whether all runs in direction `sign` have practically one speed."""
         speeds = self.speeds[sign]
         return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
+
+
+def _speed(run: Run, sign: int) -> float:
+    """Speed of a run in direction `sign`, in a block the highest; 0 where there is none."""
+    if run.kind == BLOCK:
+        return max(float(np.max(sign * run.bins.velocity)), 0.0)
+    return abs(run.speed) if run.direction == sign else 0.0
 
 
 def listed(names: Sequence[str]) -> str:
@@ -222,4 +242,6 @@ def of_ratio(
         kind = "ratio, one posture"
     elif UNFELT < felt < SURELY_FELT * noise:
         kind = "ratio, light link"
+    if model.is_dynamic:
+        kind = "ratio, light link in motion" if kind == "ratio, light link" else "ratio in motion"
     return reason(kind, inner=inner, outer=outer, felt=number(felt, 2), noise=number(noise, 2))

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Bins, Log, Means, Reject, Run, finite_means, mean_times, spans
+from pumaid.dataset import BLOCK, Bins, Log, Means, Reject, Run, finite_means, mean_times, spans
 from pumaid.preprocessing.differentiate import Ticks, averaging_kernel, cubic_window, slopes, velocity
 from pumaid.preprocessing.options import CONSTANT, LARGEST, STROKE, SegmentOptions
 from pumaid.robot import Robot
@@ -68,7 +68,7 @@ REASONS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Samples [start, stop) of a stretch: a run, whose kind `label` is, or left out for the reason `label`.
+    """Samples [start, stop) of a stretch: a run or blocks, of which `label` is the kind, or left out for that reason.
 
     `joints` (from 1) move in it; `figure` is a run's velocity (of a stroke: at its peak), or the number that the reason
     depends on; `window` (s) is the span of the local cubics that suit a stroke.
@@ -83,8 +83,8 @@ class Piece:
 
     @property
     def is_run(self) -> bool:
-        """Whether it is a run."""
-        return self.label in (CONSTANT, STROKE)
+        """Whether it is a run, or blocks."""
+        return self.label in (CONSTANT, STROKE, BLOCK)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -336,6 +336,13 @@ def _residual(values: Floats, regressors: list[Floats]) -> Floats:
     """(N,) values less their least-squares fit by a constant and the regressors."""
     columns = np.column_stack([np.ones(len(values)), *regressors])
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
+def position_noise(position: Floats) -> float:
+    """Standard deviation of the noise of (N,) positions, an encoder's steps among it."""
+    steps = np.abs(np.diff(position))
+    quantum = float(steps[steps > 1e-9].min(initial=math.inf)) if (steps > 1e-9).any() else 0.0
+    return max(quantum / math.sqrt(12.0), math.sqrt(_variance(position))) if quantum else 0.0
 
 
 def _variance(position: Floats) -> float:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Dataset, Run
+from pumaid.dataset import BLOCK, Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.kinematics import posture_groups
@@ -47,8 +47,8 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     purposes = np.array([motion.purpose for motion in motions])
     runs, strays, missing = [], [], np.ones(len(motions), dtype=np.bool_)
     for run, away in zip(dataset.runs, _distances(dataset.runs, motions), strict=True):
-        if not np.isfinite(away).any():
-            strays.append(run)
+        if not np.isfinite(away).any() or run.kind == BLOCK:
+            strays += [run] * (run.kind != BLOCK)
             runs.append(run)
             continue
         purpose = purposes[int(np.argmin(away))]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
+from pumaid.dataset import BLOCK
 from pumaid.errors import PumaidError, Where
 
 #: Numbers beyond it (rad, m, A) are garbage of a logger, no measurements.
 LARGEST = 1e6
-#: Words for `SegmentOptions.kinds`.
+#: Kinds of runs: at constant speed, from rest to rest, any motion; and the word of `SegmentOptions.kinds` for all.
 CONSTANT, STROKE, BOTH = "constant", "stroke", "both"
 
 
@@ -19,7 +20,8 @@ class SegmentOptions:
     Speeds and lengths are in the joint's own unit: rad for a revolute joint, m for a prismatic one.
     """
 
-    kinds: str = BOTH  # ``"both"``: strokes where the constant part of a movement is too small a share of it
+    # ``"both"``: strokes where the constant part of a movement is too small a share of it, and blocks of other motion
+    kinds: str = BOTH
     min_duration: float = 0.2  # s at constant speed; noise of currents is correlated over tens of milliseconds
     min_travel: float = 0.02  # rad or m; over less, gravity's sine and cosine cannot be told from a constant
     min_samples: int = 12  # of a run
@@ -39,7 +41,8 @@ class SegmentOptions:
         for name, value in asdict(self).items():
             is_share, wanted = name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"), ""
             if name == "kinds":
-                wanted = "" if value in (CONSTANT, STROKE, BOTH) else f"one of {CONSTANT}, {STROKE}, {BOTH}"
+                kinds = (CONSTANT, STROKE, BLOCK, BOTH)
+                wanted = "" if value in kinds else f"one of {', '.join(kinds)}"
             elif not value > 0 or (is_share and value >= 1):
                 wanted = "a share, above 0 and below 1" if is_share else "above 0"
             elif name == "window" and value < MIN_WINDOW:

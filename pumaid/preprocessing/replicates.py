@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pumaid.dataset import Run
+from pumaid.dataset import BLOCK, Run
 from pumaid.kinematics import Numbers, grouped, near
 
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ def replicates(runs: Sequence[Run]) -> list[list[int]]:
     low, high = span.min(axis=1), span.max(axis=1)
 
     def repeating(first: int, rest: Numbers) -> Numbers:
-        close = rest[(joint[rest] == joint[first]) & (kind[rest] == kind[first])]
+        close = rest[(joint[rest] == joint[first]) & (kind[rest] == kind[first]) & (kind[rest] != BLOCK)]
         close = close[np.abs(speed[close] - speed[first]) <= SAME_SPEED * abs(speed[first])]
         close = near(posture, first, close, within=SAME_POSITION)
         turns = _turns(span[first], span[close])

@@ -14,11 +14,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Dataset, Log, Reject, Run, coarser
+from pumaid.dataset import BLOCK, Dataset, Log, Reject, Run, coarser
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import Piece, Stretch, record, sliding
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
+from pumaid.preprocessing.motion_cells import block_runs
 from pumaid.preprocessing.options import CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
+from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
@@ -46,6 +48,10 @@ SURE = 4.5
 SLIP, SLIP_SHARE = 0.25, 0.25
 #: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
 LONE = 1.0
+
+#: s; least motion of several joints, and of a single one, that is taken as blocks: shorter moves only lead from one run
+#: to the next, or were cut. The longest pause that does not part motion in two.
+LEAST_MOTION, LEAST_ALONE, PAUSE = 4.0, 12.0, 2.0
 
 #: s; longest straight line by which the speed of a slow or noisy movement is judged.
 LONGEST_LINE = 1.0
@@ -99,7 +105,7 @@ class _Segmenter:
     def __init__(self, robot: Robot, options: SegmentOptions) -> None:
         self.runs: list[Run] = []
         self.rejects: list[Reject] = []
-        self._robot, self._options = robot, options
+        self._robot, self._options, self._body = robot, options, base_parameters(robot)
         self._clock, self._has_begun = 0, False
         self._batches: list[Log] = []
         self._context = 0  # samples at the front whose records are made
@@ -137,6 +143,12 @@ class _Segmenter:
             low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
             clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
             for piece in (piece for piece in clipped if piece.stop > piece.start):
+                blocks = block_runs(stretch, piece, self._body, clock=self._clock) if piece.label == BLOCK else []
+                self.runs += blocks
+                if blocks:
+                    continue
+                if piece.label == BLOCK:
+                    piece = replace(piece, label="several-joints" if len(piece.joints) > 1 else "speed-not-constant")
                 run, reject = record(stretch, piece, self._robot, options=self._options, clock=self._clock)
                 self.runs += [run] if run else []
                 self.rejects += [reject] if reject else []
@@ -164,6 +176,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             movements = _movements(_codes(velocity, moving, ticks, options))
             stretch = Stretch(samples, part, sampled, error, ticks, velocity)
             pieces = _pieces(stretch, ticks, movements, moving=moving, options=options)
+            pieces = _with_blocks(pieces, sampled, options)
             yield stretch, pieces, int(ticks.edges[movements[-1].start])
         else:
             label = "gap" if good[part[0]] else "not-a-number"
@@ -306,6 +319,43 @@ def _unless_drifting(ticks: Ticks, piece: Piece, options: SegmentOptions) -> Pie
         return piece
     joints = (piece.joints[0], worst + 1)
     return Piece(piece.start, piece.stop, "drift-of-held-joint", joints, figure=float(drift[worst]))
+
+
+def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> list[Piece]:
+    """The pieces, neighbours that move and are no run joined to blocks where they last long enough."""
+    if options.kinds in (CONSTANT, STROKE):
+        return pieces
+    out: list[Piece] = []
+    waiting: list[Piece] = []
+
+    def flush() -> None:
+        while waiting and not waiting[0].joints:
+            out.append(waiting.pop(0))
+        behind: list[Piece] = []
+        while waiting and not waiting[-1].joints:
+            behind.insert(0, waiting.pop())
+        alone = sum(_seconds(time, piece) for piece in waiting if len(piece.joints) == 1)
+        together = sum(_seconds(time, piece) for piece in waiting if len(piece.joints) > 1)
+        if together >= LEAST_MOTION or alone + together >= LEAST_ALONE:
+            joints = sorted({joint for piece in waiting for joint in piece.joints})
+            out.append(Piece(waiting[0].start, waiting[-1].stop, BLOCK, tuple(joints)))
+        else:
+            out.extend(waiting)
+        out.extend(behind)
+        waiting.clear()
+
+    for piece in pieces:
+        if piece.is_run or (not piece.joints and _seconds(time, piece) > PAUSE):
+            flush()
+            out.append(piece)
+        else:
+            waiting.append(piece)
+    flush()
+    return out
+
+
+def _seconds(time: Floats, piece: Piece) -> float:
+    return float(time[piece.stop - 1] - time[piece.start])
 
 
 def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.dataset import Dataset, Reject, Run
+from pumaid.dataset import BLOCK, Dataset, Reject, Run
 from pumaid.kinematics import roll_pitch_yaw
+from pumaid.preprocessing.options import CONSTANT, STROKE
 from pumaid.reporting.formatting import (
     duration,
     in_unit,
@@ -45,12 +46,24 @@ _EXPECTED = {
 
 
 def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
-    """Every run: file, time, joint, posture and motion."""
+    """Every run: file, time, joint, posture and motion; a block of any motion is one row for all its joints."""
     kinds = [robot.joint(joint).position_unit for joint in sorted({run.joint for run in dataset.runs})]
     unit = " or ".join(dict.fromkeys(in_unit(kind, units)[1] for kind in kinds)) or units
     names = relative_names([run.origin for run in dataset.runs])
     rows: list[Row] = []
+    blocks: dict[tuple[str, int], list[Run]] = {}
+    for run in dataset.runs:
+        if run.kind == BLOCK:
+            blocks.setdefault((run.origin, run.first_row), []).append(run)
     for index, run in enumerate(dataset.runs, start=1):
+        joints = blocks.get((run.origin, run.first_row), [run])
+        if run is not joints[0]:
+            continue
+        if run.kind == BLOCK:
+            numbers = " ".join(str(part.joint) for part in joints)
+            place = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run), numbers]
+            rows.append([*place, "-", "-", "-", str(max(part.samples for part in joints)), run.kind])
+            continue
         joint = robot.joint(run.joint)
         scale = in_unit(joint.position_unit, units)[0]
         low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
@@ -62,8 +75,8 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     caption = "A stroke's speed is its mean speed."
     title = f"{robot.name}: {counted_runs(dataset.runs)}"
     table = Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
-    has_strokes = any(run.kind == "stroke" for run in dataset.runs)
-    return table if has_strokes else replace(table.columns(range(8)), caption="")
+    is_mixed = any(run.kind != CONSTANT for run in dataset.runs)
+    return table if is_mixed else replace(table.columns(range(8)), caption="")
 
 
 def run_time(run: Run) -> str:
@@ -72,10 +85,21 @@ def run_time(run: Run) -> str:
 
 
 def counted_runs(runs: Sequence[Run]) -> str:
-    """``12 runs at constant speed and 3 strokes from rest to rest``."""
-    strokes = sum(run.kind == "stroke" for run in runs)
-    words = [f"{plural(len(runs) - strokes, 'run')} at constant speed"] if len(runs) > strokes or not strokes else []
-    return listed(words + ([f"{plural(strokes, 'stroke')} from rest to rest"] if strokes else []))
+    """``12 runs at constant speed, 3 strokes from rest to rest and 10 blocks of any motion``."""
+    counts = count_kinds(runs)
+    words = {
+        CONSTANT: ("run", "at constant speed"),
+        STROKE: ("stroke", "from rest to rest"),
+        BLOCK: ("block", "of any motion"),
+    }
+    shown = [f"{plural(counts[kind], noun)} {how}" for kind, (noun, how) in words.items() if kind in counts]
+    return listed(shown or ["0 runs at constant speed"])
+
+
+def count_kinds(runs: Sequence[Run]) -> dict[str, int]:
+    """Kind -> number of runs, a block counted once for all its joints."""
+    stretches = {(run.kind, run.origin, run.first_row, run.joint * (run.kind != BLOCK)) for run in runs}
+    return dict(Counter(kind for kind, *_ in stretches))
 
 
 def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
@@ -84,13 +108,15 @@ def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -
     for joint in robot.joints:
         runs = dataset.of_joint(joint.number)
         scale, unit = in_unit(f"{joint.position_unit}/s", units)
-        speeds = [[run.speed * scale for run in runs if run.speed * sign > 0] for sign in (1, -1)]
-        kinds = [str(sum(run.kind == kind for run in runs) or "-") for kind in ("constant", "stroke")]
-        postures = {tuple(np.round(np.delete(run.posture, joint.number - 1), 1)) for run in runs}
+        steady = [run for run in runs if run.kind != BLOCK]
+        speeds = [[run.speed * scale for run in steady if run.speed * sign > 0] for sign in (1, -1)]
+        kinds = [str(count_kinds(runs).get(kind, "-")) for kind in (CONSTANT, STROKE, BLOCK)]
+        postures = {tuple(np.round(np.delete(run.posture, joint.number - 1), 1)) for run in steady}
         head = [f"{joint.number} {joint.name}", *kinds, *map(_range, speeds), unit, str(len(postures) or "-")]
         rows.append([*head, number(sum(run.duration for run in runs), 4) if runs else "-"])
-    header = ("joint", "constant", "strokes", "forward speeds", "backward speeds", "unit", "postures", "time (s)")
-    return Table("Runs by joint", header, rows, words=(0, 3, 4, 5))
+    counts = ("constant", "strokes", "blocks")
+    header = ("joint", *counts, "forward speeds", "backward speeds", "unit", "postures", "time (s)")
+    return Table("Runs by joint", header, rows, words=(0, 4, 5, 6))
 
 
 def _range(speeds: Sequence[float]) -> str:
@@ -110,7 +136,7 @@ def rejection_table(dataset: Dataset) -> Table:
         seconds = number(sum(reject.duration for reject in rejects), 4)
         example = f"rows {longest.first_row}–{longest.last_row}: {longest.text}"
         rows.append([reason, str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds, example])
-    unused = read - sum(run.samples for run in dataset.runs)
+    unused = sum(reject.samples for reject in dataset.rejects)
     title = f"Not used: {unused:,} of {read:,} samples ({100 * unused / max(1, read):.1f} %)"
     header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch")
     return Table(title, header, rows, words=(0, 5))
@@ -144,8 +170,10 @@ def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
 
 
 def samples_read(dataset: Dataset) -> int:
-    """All samples of the logs: of runs and rejects together."""
-    return sum(run.samples for run in dataset.runs) + sum(reject.samples for reject in dataset.rejects)
+    """All samples of the logs: of runs, of blocks of all joints once, and of rejects."""
+    alone = sum(run.samples for run in dataset.runs if run.kind != BLOCK)
+    blocks = {(run.origin, run.first_row): run.last_row - run.first_row for run in dataset.runs if run.kind == BLOCK}
+    return alone + sum(blocks.values()) + sum(reject.samples for reject in dataset.rejects)
 
 
 # The arm

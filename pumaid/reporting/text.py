@@ -33,6 +33,7 @@ from pumaid.reporting.formatting import (
     plural,
     with_error,
 )
+from pumaid.reporting.run_tables import counted_runs
 from pumaid.results.history import Rung, effect_words
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -168,10 +169,10 @@ def merge_notes(notes: Iterable[Note]) -> list[Note]:
 def data_sentence(dataset: Dataset) -> str:
     """What the logs contain."""
     runs, files = dataset.runs, dataset.files
-    strokes, heldout = sum(run.kind == "stroke" for run in runs), sum(run.heldout for run in runs)
-    words = plural(len(runs), "run") + (f" in {plural(len(files), 'file')}" if files else "")
-    words += f", {number(sum(run.duration for run in runs), 3)} s of motion of a single joint"
-    words += f"; {strokes} of them are strokes from rest to rest, with an inertia term" if strokes else ""
+    heldout = sum(run.heldout for run in runs)
+    words = counted_runs(runs) + (f" in {plural(len(files), 'file')}" if files else "")
+    alone = [run.duration for run in runs if run.kind != "block"]
+    words += f", {number(sum(alone), 3)} s of motion of a single joint" if alone else ""
     return words + (f"; {plural(heldout, 'run')} held out for validation." if heldout else ".")
 
 

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from pumaid import __version__
+from pumaid.dataset import BLOCK
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
+from pumaid.preprocessing.options import STROKE
 from pumaid.results.documents import FORMAT, as_text, plain, read_document, record_from, sealed
 from pumaid.robot import Robot
 
@@ -33,7 +35,9 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
             "method": estimate.method,
             "effects": estimate.effects,
             "joints": [
-                plain(fit) | {"parameters": [value for value in parameters if value.joint == fit.joint]}
+                plain(fit)
+                | {"strokes": fit.kinds.get(STROKE, 0), "blocks": fit.kinds.get(BLOCK, 0)}
+                | {"parameters": [value for value in parameters if value.joint == fit.joint]}
                 for fit in estimate.joints
             ],
             "arm": [value for value in parameters if value.joint is None],

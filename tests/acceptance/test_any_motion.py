@@ -1,4 +1,4 @@
-"""The fit takes any block-triangular regressor: the full rigid body of an arm in any motion, gains unknown.
+"""Any motion: the fit takes the full rigid body of an arm, gains unknown, and logs of arms at work.
 
 Ten inertial parameters a link, by pinocchio's regressor; the base parameters of each link are found by pivoting, inner
 links first, which keeps the form: row i has no column of a link before i.
@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from free_motion import picks, recorded, true_values, waves
 
+from pumaid.diagnosis.compare import compare
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.maths.bilinear import Bilinear, Recursion, fit_bilinear
 from pumaid.maths.rank import independent
+from pumaid.preprocessing.segment import segment
+from pumaid.simulation.random_robot import draw
 
 #: s of simultaneous Fourier motion, cells a second, A of noise, A s/rad and A of friction.
 SECONDS, RATE, SIGMA = 60.0, 50.0, 0.02
@@ -77,3 +82,46 @@ def test_the_rigid_body_of_any_motion_is_the_same_call():
     np.testing.assert_allclose(found.values[len(kept) :].reshape(n, 2), friction, rtol=0.02)
     for inner in range(3):
         assert found.gains.ratio(inner, inner + 1) == pytest.approx(GAINS[inner] / GAINS[inner + 1], rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "way", "seconds"), [("puma560", waves, 60.0), ("ur5e", picks, 120.0), ("stanford", waves, 60.0)]
+)
+def test_intervals_hold_the_truth_of_arms_at_work(name, way, seconds):
+    """Closed loop of an independent engine: 95 % intervals of friction and ratios hold, errors are of the noise."""
+    robot = read_recipe(shipped_recipes()[name])
+    holds, scores = [], []
+    for seed in (31, 32):
+        truth, rng = draw(robot, seed), np.random.default_rng(seed)
+        log = recorded(truth, way(rng, seconds, reach(robot)), rng, counts=2e4)
+        dataset = segment([log], robot)
+        assert {run.kind for run in dataset.runs} == {"block"}
+        estimate = identify(dataset, robot)
+        exact = true_values(truth)
+        for value in estimate.values:
+            if value.name in exact and value.std_error is not None:
+                holds.append(value.ci95[0] <= exact[value.name] <= value.ci95[1])
+                scores.append((value.value - exact[value.name]) / value.std_error)
+        for fit, noise in zip(estimate.joints, truth.noise.sample_std, strict=True):
+            assert 0.6 * noise < fit.rmse < 2.0 * noise
+    # 55 to 58 intervals, of which 95 % hold: fewer than 85 % are a chance of one in a thousand.
+    assert len(holds) >= 50 and np.mean(holds) >= 0.85
+    assert np.std(scores) < 1.5
+
+
+def test_unseen_work_is_predicted_to_the_noise():
+    """A model of a minute of waves predicts picks of the same arm."""
+    robot = read_recipe(shipped_recipes()["puma560"])
+    truth, rng = draw(robot, 41), np.random.default_rng(41)
+    fitted = segment([recorded(truth, waves(rng, 60.0, reach(robot)), rng, counts=2e4)], robot)
+    unseen = segment([recorded(truth, picks(rng, 40.0, reach(robot)), rng, counts=2e4)], robot)
+    estimate = identify(fitted, robot)
+    comparison = compare(estimate, unseen, robot)
+    for score, fit in zip(comparison.joints, estimate.joints, strict=True):
+        assert score.rmse < 1.5 * fit.rmse and not score.undetermined
+
+
+def reach(robot) -> np.ndarray:
+    """(J,) nine tenths of half of each joint's range, 2 rad to either side at most."""
+    limits = np.array([joint.limits or (-2.0, 2.0) for joint in robot.joints])
+    return 0.45 * np.ptp(np.clip(limits, -2.0, 2.0), axis=1)

@@ -120,7 +120,7 @@ def test_a_run_ends_with_its_file():
 )
 def test_what_cannot_be_used_is_left_out_by_name(spoilt, reason, samples):
     """Currents that are missing, absurd positions, a creep that adds up; a run goes on around single samples."""
-    dataset = segment([spoilt], ARM)
+    dataset = segment([spoilt], ARM, options=SegmentOptions(kinds="constant"))
     counts = {reject.reason: reject.samples for reject in dataset.rejects}
     assert counts[reason] == (samples or counts[reason]) and len(dataset.runs) == bool(samples)
     assert all(np.isfinite(run.bins.current).all() for run in dataset.runs)

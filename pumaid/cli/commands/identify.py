@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,13 @@ if TYPE_CHECKING:
 @options.effects_option
 @click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
 @options.output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
+@click.option(
+    "--motion",
+    type=click.Choice(["any", "constant"]),
+    default="any",
+    show_default=True,
+    help="What is fitted: all motion, or constant speed alone.",
+)
 @options.units_option
 @options.experiment_options()
 @options.json_option
@@ -31,14 +39,15 @@ def command(
     remove: tuple[str, ...],
     recursive: bool,
     output: Path | None,
+    motion: str,
     units: str,
     as_json: bool,
 ) -> None:
-    """Identify gravity, friction and gain ratios from logged currents.
+    """Identify gravity, inertia, friction and gain ratios from logged currents.
 
-    Finds the runs in the logs, solves the joints from the tip to the base, refines all of them together by maximum
-    likelihood, prints the parameter table and writes the model. Effects that are added are fitted together with all the
-    rest, their nonlinear parameters too.
+    Finds what can be fitted in the logs (runs at constant speed, strokes, blocks of any motion), solves the joints from
+    the tip to the base, refines all of them together by maximum likelihood, prints the parameter table and writes the
+    model. Effects that are added are fitted together with all the rest, their nonlinear parameters too.
 
     \b
     Example:
@@ -49,6 +58,7 @@ def command(
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
     from pumaid.effect_spec import chosen_by
+    from pumaid.preprocessing.options import CONSTANT
     from pumaid.reporting.tables import combination_table, parameter_table
     from pumaid.results.history import keep
     from pumaid.results.model_file import model_document, write_model
@@ -57,6 +67,8 @@ def command(
     robot = experiment.robot
     effects = chosen_by(robot, add=add, remove=remove)
     dataset = experiment.dataset()
+    if motion == CONSTANT:
+        dataset = replace(dataset, runs=tuple(run for run in dataset.runs if run.kind == CONSTANT))
     estimate = identified(dataset, robot, effects=effects, recursive=recursive)
     notes(dict.fromkeys((*dataset.notes, *estimate.notes)))
     path = output or experiment.results_folder / "model.json"

@@ -22,9 +22,9 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @options.logs_argument
 @click.option(
     "--kinds",
-    type=click.Choice(["both", "constant", "stroke"]),
+    type=click.Choice(["both", "constant", "stroke", "block"]),
     default="both",
-    help="At constant speed, rest to rest.",
+    help="At constant speed, rest to rest, any motion, or all.",
 )
 @click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
 @click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")

@@ -1,0 +1,73 @@
+"""Cells of any motion: current and columns pass one filter, so least squares returns what made the torques."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_rigid_body import engine, torques
+
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.preprocessing.motion_cells import LONGEST, SHORTEST, cell_length, cells
+from pumaid.rigid_body import base_parameters
+
+SECONDS, RATE = 30.0, 250.0
+
+
+def motion(rng: np.random.Generator, joints: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(N,) times, and positions, velocities and accelerations (J, N) of five harmonics of a tenth of a hertz."""
+    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    w = 2.0 * np.pi * 0.1 * np.arange(1, 6)[:, None, None]
+    size, phase = rng.uniform(0.2, 0.6, (5, joints, 1)), rng.uniform(0.0, 2.0 * np.pi, (5, joints, 1))
+    waves = size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w**2 * np.sin(w * t + phase)
+    return t, [wave.sum(axis=0) for wave in waves]
+
+
+@pytest.mark.parametrize("length", [0.024, 0.1])
+def test_one_filter_for_all_leaves_least_squares_the_truth(length):
+    """The torque of exact accelerations is explained to the error of differences, however long the cells are."""
+    rng = np.random.default_rng(2)
+    robot = read_recipe(shipped_recipes()["puma560"])
+    model, _ = engine(robot, rng)
+    t, exact = motion(rng, robot.n_joints)
+    torque = torques(model, exact)
+    table = cells(t, exact[0].T, torque.T, body=base_parameters(robot), length=length)
+    assert table.step == pytest.approx(length, abs=0.5 / RATE)
+    for joint in range(robot.n_joints):
+        moving = np.isfinite(table.current[:, joint])
+        columns, drawn = table.columns[joint][moving], table.current[moving, joint]
+        left = drawn - columns @ np.linalg.lstsq(columns, drawn, rcond=None)[0]
+        # Differences over 4 ms of motion up to 0.5 Hz are (2 pi 0.5 0.004)^2 / 12 off.
+        assert np.sqrt(np.mean(left**2)) < 3e-5 * np.sqrt(np.mean(drawn**2))
+        values = np.linalg.lstsq(columns, drawn, rcond=None)[0]
+        whole = base_parameters(robot).rows(*exact)[joint].T @ values
+        assert np.abs(whole - torque[joint]).max() < 1e-3 * np.abs(torque[joint]).max()
+
+
+def test_cells_where_a_joint_may_stick_or_was_not_measured_have_no_current():
+    """A current that is missing for one sample is missing in the three cells whose windows hold it."""
+    rng = np.random.default_rng(5)
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    t, (q, rate, _) = motion(rng, 2)
+    current = np.ones_like(q.T)
+    current[4000, 1] = np.nan
+    table = cells(t, q.T, current, body=base_parameters(robot), length=0.04)
+    missing = np.isnan(table.current[:, 1])
+    inside = np.abs(table.time - t[4000]) < 1.3 * table.step
+    assert missing[inside].all() and np.count_nonzero(missing & (np.abs(table.time - t[4000]) < 2 * table.step)) <= 3
+    slow = np.array([np.abs(rate[0][np.abs(t - middle) < 0.06]).min() < 0.05 for middle in table.time])
+    assert np.mean(np.isnan(table.current[:, 0]) == slow) > 0.98
+
+
+@pytest.mark.parametrize(("counts", "low", "high"), [(1e6, SHORTEST, 0.03), (2.5e3, 0.06, LONGEST)])
+def test_coarse_encoders_get_longer_cells(counts, low, high):
+    """What is left of an encoder's steps in the acceleration is a half percent of it, or the longest cell is taken."""
+    rng = np.random.default_rng(6)
+    t, (q, _, curve) = motion(rng, 2)
+    read = np.rint(q * counts) / counts
+    length = cell_length(t, read.T, np.full(2, 1.0 / counts / np.sqrt(12.0)))
+    assert low <= length <= high
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    table = cells(t, read.T, np.ones_like(read.T), body=base_parameters(robot), length=length)
+    exact = cells(t, q.T, np.ones_like(read.T), body=base_parameters(robot), length=length)
+    noise = np.std(table.acceleration - exact.acceleration) / np.std(curve)
+    assert noise < 0.01
