@@ -35,7 +35,7 @@ def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, sc
     return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
 
 
-def with_inertia(model: Model, bins: JointBins, gravity: Loads, weights: Floats) -> Loads:
+def with_inertia(model: Model, bins: JointBins, gravity: Loads, *, weights: Floats) -> Loads:
     """Loads at the bins, or at their nodes, those in blocks of any motion with the joint's inertial load.
 
     `weights` (p,) are the model's parameters in the joint's own gain.

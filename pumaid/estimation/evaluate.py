@@ -221,7 +221,7 @@ class JointPrediction:
         gravity = None
         if model.needs_loads():
             gravity = along(model, nodes, 3 * bins.lengths, solution=estimate.solution, scales=estimate.scales)
-            gravity = with_inertia(model, bins, gravity, self._factors * estimate.solution)
+            gravity = with_inertia(model, bins, gravity, weights=self._factors * estimate.solution)
         fine, count = model.at_nodes(bins, gravity), bins.count
         self.design = bins.averaged(fine)
         names = np.array([column.effect for column in model.columns])

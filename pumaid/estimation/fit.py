@@ -321,7 +321,7 @@ def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Sampl
     """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit."""
     samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
     loads = along(fitted.model, samples, times * bins.lengths, solution=fitted.values, scales=fitted.scales())
-    loads = with_inertia(fitted.model, bins, loads, fitted.factors(bins.joint) * fitted.values)
+    loads = with_inertia(fitted.model, bins, loads, weights=fitted.factors(bins.joint) * fitted.values)
     return replace(samples, loads=loads)
 
 
