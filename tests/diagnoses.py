@@ -56,10 +56,10 @@ def stribeck() -> Finding:
         3,
         {"velocity": 0.12, "exponent": 1.0},
         "add",
-        ("viscous_power",),
-        1.0 / 300,
         "joint 3 lacks friction that falls with speed",
-        "pumaid identify logs/ --add stribeck@3",
+        1.0 / 300,
+        rivals=("viscous_power",),
+        command="pumaid identify logs/ --add stribeck@3",
         rmse_heldout_before=0.033,
         rmse_heldout_after=0.0155,
         sizes=(Size("stribeck.j3.a", 0.12, 0.011, "A"),),
@@ -73,7 +73,8 @@ def tilt() -> Finding:
     sizes = (Size("tilt.x", 0.021, 0.004, "rad"), Size("tilt.y", -0.003, 0.004, "rad"))
     command = "pumaid identify logs/ --add tilt"
     errors = {"rmse_heldout_before": 0.020, "rmse_heldout_after": 0.0198}
-    return Finding("tilt", None, {}, "doubtful", (), 0.012, "the base may be tilted", command, **errors, sizes=sizes)
+    told = "the base may be tilted"
+    return Finding("tilt", None, {}, "doubtful", told, 0.012, **errors, sizes=sizes, command=command)
 
 
 def patch() -> Unexplained:

@@ -30,10 +30,10 @@ from experiments import coverage, logged, losses
 from pumaid import identify, segment, simulate
 from pumaid.dataset import Campaign
 from pumaid.design.plan import plan
+from pumaid.diagnosis.candidates import minus_log10_p
 from pumaid.diagnosis.detection_limit import detection_limits
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT
-from pumaid.diagnosis.score_test import minus_log10_p
 from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effects import catalogue
 from pumaid.estimate import Estimate
@@ -232,17 +232,16 @@ def searching(truth: Truth, motions: Plan, seed: int) -> Stepwise:
 def p_values(step: Step) -> dict[tuple[str, int | None], float]:
     """Family-wise p value of the best shape of each effect at each joint."""
     scale = step.scan.solved.scale
-    seen = {key: minus_log10_p(best.statistic / scale, best.width) for key, best in step.scan.best().items()}
-    for joint, spectrum in step.scan.spectra.items():
-        seen["ripple", joint] = minus_log10_p(spectrum.statistic().max() / scale, 2)
-    return {key: step.family.p_value(key, float(value)) for key, value in seen.items()}
+    seen = {key: best.surprise(scale) for key, best in step.scan.best().items()}
+    seen |= {spectrum.key: spectrum.surprise(scale) for spectrum in step.scan.spectra}
+    return {key: step.family.p_value(key, value) for key, value in seen.items()}
 
 
 def bonferroni(step: Step) -> float:
     """p value of the best of the whole catalogue by chi-square, times as many as were tried."""
     scale = step.scan.solved.scale
     seen = [float(minus_log10_p(trial.statistic / scale, trial.width)) for trial in step.scan.trials]
-    for spectrum in step.scan.spectra.values():
+    for spectrum in step.scan.spectra:
         seen += list(minus_log10_p(spectrum.statistic() / scale, 2))
     return min(1.0, len(seen) * 10.0 ** -max(seen))
 
@@ -273,8 +272,8 @@ def clean() -> Iterator[str]:
 
 def shapes_by_information(step: Step, name: str, joint: int) -> list[dict[str, float]]:
     """Shapes that the limit of an effect is the median of, the least visible first."""
-    spectrum = step.scan.spectra.get(joint)
-    if name == "ripple" and spectrum is not None:
+    spectrum = next((waves for waves in step.scan.spectra if waves.key == (name, joint)), None)
+    if spectrum is not None:
         return [{"frequency": float(spectrum.frequency[k])} for k in np.argsort(spectrum.information)]
     trials = [trial for trial in step.scan.trials if trial.added.key == (name, joint)]
     return [dict(trial.added.shape) for trial in sorted(trials, key=lambda trial: float(trial.information[0, 0]))]
@@ -297,7 +296,7 @@ def hits() -> Iterator[str]:
     truth = drawn("pendulum2", 31)
     motions = designed(truth.robot, FULL, HIDDEN)
     steps = [searching(truth, motions, HIDDEN + number).look([]) for number in range(ANNOUNCED)]
-    announced = [detection_limits(step.scan, step.family, periodic=catalogue()["ripple"]) for step in steps]
+    announced = [detection_limits(step.scan, step.family) for step in steps]
     yield "\n" + header("effect", "limit", "beyond chance", "called missing", "of any shape", "at a third")
     for place, (name, joint) in enumerate(EFFECTS):
         sizes = [limits[name, joint].size for limits in announced]

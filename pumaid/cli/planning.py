@@ -65,7 +65,7 @@ def make_plan(
 ) -> Plan:
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design.plan import check_plan, plan
-    from pumaid.diagnosis.plan_for_effect import plan_for_effect
+    from pumaid.diagnosis.discrimination import plan_for_effect
     from pumaid.effect_spec import parse_effect
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import read_plan

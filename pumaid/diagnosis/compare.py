@@ -32,28 +32,12 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     """Score a model on logs: per joint and per run, and apart from these what lies outside runs.
 
     A run's RMSE and bias are exact over its samples; predictions and their parts are given at its bins. Runs that the
-    plan holds out are scored apart.
-
-    Parameters
-    ----------
-    estimate
-        The model.
-    dataset
-        Of any logs of the same arm.
-    robot
-        The arm, by the recipe that the model was made with.
-
-    Returns
-    -------
-    comparison
-        With a flag on each run of which the fitted data could not tell enough to predict it.
+    plan holds out are scored apart; those that the fitted data could not tell enough of are flagged.
 
     Raises
     ------
-    ModelError [model-other-recipe]
-        The model was identified with another recipe.
-    ModelError [unknown-effect]
-        It holds an effect that the catalogue does not have.
+    ModelError [model-other-recipe], [unknown-effect]
+        The model was identified with another recipe, or holds an effect that the catalogue does not have.
 
     Source
     ------

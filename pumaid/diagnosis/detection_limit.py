@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from pumaid.diagnosis.candidates import Key
+from pumaid.diagnosis.candidates import PERIODIC, Key
 from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
-from pumaid.diagnosis.sign_flip import GROSS, PERIODIC, SignFlips
+from pumaid.diagnosis.sign_flip import GROSS, SignFlips
 from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
-from pumaid.effects import Effect, Scope
+from pumaid.effects import Effect, Scope, catalogue
 from pumaid.estimation.fit import Projector
 from pumaid.robot import Robot
 
@@ -28,7 +28,7 @@ ABSURD = 1e6
 FAINT = "the fitted model absorbs all of it in these runs"
 
 
-def detection_limits(scan: ScoreTable, family: SignFlips, *, periodic: Effect | None) -> dict[Key, Limit]:
+def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
     """The detection limit of every effect at every joint, in the unit of its first parameter.
 
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
@@ -47,13 +47,11 @@ def detection_limits(scan: ScoreTable, family: SignFlips, *, periodic: Effect | 
         chosen = [(tests[id(term)], fall) for term, fall in zip(group, largest, strict=True) if id(term) in tests]
         sizes = [_size(test, family, scan, fall=fall) for test, fall in chosen]
         out[group[0].key] = _limit(robot, group[0].effect, group[0].key, float(np.median(sizes or [np.inf])))
-    for joint, spectrum in scan.spectra.items():
-        if periodic is not None:
-            threshold = family.threshold((periodic.name, joint), LEVEL)
-            shift = needed(threshold, PERIODIC, runs=len(spectrum.scores))
-            size = shift * float(np.sqrt(scale / np.median(spectrum.information)))
-            least = errors[joint] * float(np.sqrt(2.0 * WORTH / WAVE))
-            out[periodic.name, joint] = _limit(robot, periodic, (periodic.name, joint), max(size, least))
+    for waves in scan.spectra:
+        shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))
+        size = shift * float(np.sqrt(scale / np.median(waves.information)))
+        least = errors[waves.key[1] or 0] * float(np.sqrt(2.0 * WORTH / WAVE))
+        out[waves.key] = _limit(robot, catalogue()[waves.key[0]], waves.key, max(size, least))
     return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
 
 

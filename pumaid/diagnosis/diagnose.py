@@ -15,6 +15,7 @@ from pumaid.diagnosis.cross_validation import leave_out, posture_folds
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
 from pumaid.diagnosis.detection_limit import detection_limits
+from pumaid.diagnosis.discrimination import deciding
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
@@ -33,7 +34,7 @@ from pumaid.diagnosis.records import (
 )
 from pumaid.diagnosis.residual_budget import budget
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
-from pumaid.diagnosis.verdict import free_shape, joint_verdict, next_run
+from pumaid.diagnosis.verdict import free_shape, joint_verdict
 from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
 from pumaid.effects import catalogue
 from pumaid.errors import LogError, Note, Where
@@ -119,44 +120,28 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
     """What makes a joint's diagnosis weaker than it could be."""
     pairs, speeds, directions = len(bins.pairs), len(bins.speeds), bins.directions
     repeated = {0: "no run is", 1: "only one run is"}.get(pairs, f"only {pairs} runs are")
-    claims = (
-        (
-            f"{repeated} repeated, so noise is told from missing physics by the residual alone",
-            pairs < FEWEST_PAIRS,
-        ),
-        (
-            "one posture only: what depends on the load cannot be told from what depends on the position",
-            len(bins.postures) == 1,
-        ),
-        (f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed", speeds < 3),
-        ("three speeds only: an effect of speed shows its height there, not its course between", speeds == 3),
-        (
-            "one direction only: friction cannot be told from what pushes the same way in both",
-            len(directions) == 1,
-        ),
-        ("strokes from rest to rest: speed, position and start of a run change together", bins.has_strokes),
-        (
-            "one joint only: gravity's loads cannot be checked against other joints",
-            len({run.joint for run in runs}) == 1,
-        ),
-    )
-    return tuple(text for text, holds in claims if holds)
+    posture = "one posture only: what depends on the load cannot be told from what depends on the position"
+    direction = "one direction only: friction cannot be told from what pushes the same way in both"
+    claims = {
+        f"{repeated} repeated, so noise is told from missing physics by the residual alone": pairs < FEWEST_PAIRS,
+        posture: len(bins.postures) == 1,
+        f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed": speeds < 3,
+        "three speeds only: an effect of speed shows its height there, not its course between": speeds == 3,
+        direction: len(directions) == 1,
+        "strokes from rest to rest: speed, position and start of a run change together": bins.has_strokes,
+        "one joint only: gravity's loads cannot be checked against other joints": len({r.joint for r in runs}) == 1,
+    }
+    return tuple(text for text, holds in claims.items() if holds)
 
 
 class DiagnosisBuilder:
-    """Everything that a finished search has to say.
-
-    Parameters
-    ----------
-    search
-        After `Stepwise.run`.
-    """
+    """Everything that a finished search (after `Stepwise.run`) has to say."""
 
     def __init__(self, search: Stepwise) -> None:
         self.search, self.robot = search, search.model.robot
         self.fits = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
-        self.limits = detection_limits(last.scan, last.family, periodic=search.periodic)
+        self.limits = detection_limits(last.scan, last.family)
         acting = {joint for item in search.accepted for joint in item.after}
         joints = [row.bins.joint for row in self.fits[0].joints]
         self.verdicts = {
@@ -173,20 +158,18 @@ class DiagnosisBuilder:
 
     def _finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
         term, transfer = candidate.trial.added, candidate.transfer
-        before, after = self._errors(place, candidate)
+        facts = self._facts(candidate, candidate.rivals)
+        facts["rmse_heldout_before"], facts["rmse_heldout_after"] = self._errors(place, candidate)
         rival = next((rival for rival in candidate.rivals if rival.on is candidate.on), None)
         by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
-        facts = _facts(candidate, candidate.rivals)
         if term.joint is None and term.key in [effect.key for effect in self.fits[-1].model.effects]:
             # An effect of the whole arm moves gain ratios, which a score follows to first order only.
             facts["sizes"] = self._fitted_sizes(term)
         return Finding(
             **facts,
             verdict=DOUBTFUL if transfer is not None and transfer.is_denied else ADD,
-            text=reason(candidate),
-            rmse_heldout_before=before,
-            rmse_heldout_after=after,
-            next_run=None if rival is None else next_run(rival.on, candidate.trial, rival.trial),
+            reason=reason(candidate),
+            next_run=None if rival is None else deciding(rival.on, candidate.trial, rival.trial),
             curves=tuple(self._curve(candidate, joint) for joint in by_gain[:PICTURES]),
             transfer=transfer,
         )
@@ -256,52 +239,54 @@ class DiagnosisBuilder:
         """What was found, what runs held out denied, and what came near, at one joint."""
         search, steps = self.search, self.search.steps
         adding = {step.chosen.key: step for step in steps if step.chosen is not None}
-        judged = [(item, adding.get(item.key, steps[0])) for item in search.accepted]
-        judged += [(item, steps[0]) for item in search.denied]
-        judged += [(item, step) for step in steps for item in step.evaluated]
-        records: dict[Key, Candidate] = {}
-        for item, step in judged:
-            if joint in item.after and item.key not in records:
-                records[item.key] = self._candidate(item, step)
-        return tuple(sorted(records.values(), key=lambda item: (item.verdict != ADD, -item.evidence))[:LISTED])
+        judged = [(item, step) for step in reversed(steps) for item in reversed(step.evaluated)]
+        judged += [(item, steps[0]) for item in reversed(search.denied)]
+        judged += [(item, adding.get(item.key, steps[0])) for item in reversed(search.accepted)]
+        by_key = {item.key: (item, step) for item, step in judged if joint in item.after}
+        order = {key: n for n, key in enumerate(reversed([item.key for item, _ in judged if joint in item.after]))}
+        best = sorted(
+            by_key, key=lambda key: (self._verdict(by_key[key][0]) != ADD, -by_key[key][0].evidence, order[key])
+        )
+        return tuple(self._candidate(*by_key[key]) for key in best[:LISTED])
+
+    def _partner(self, candidate: EvaluatedCandidate) -> EvaluatedCandidate | None:
+        """What was added of which it is a rival."""
+        accepted = self.search.accepted
+        return next((item for item in accepted if candidate.key in [rival.key for rival in item.rivals]), None)
+
+    def _verdict(self, candidate: EvaluatedCandidate) -> str:
+        if candidate.key in [item.key for item in self.search.accepted] and candidate.fault != "denied":
+            return ADD
+        return DOUBTFUL if self._partner(candidate) is not None or candidate.p_value <= LEVEL else ABSENT
 
     def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
-        accepted, falls = self.search.accepted, candidate.falls
-        partner = next((item for item in accepted if candidate.key in [rival.key for rival in item.rivals]), None)
-        verdict = DOUBTFUL if partner is not None or candidate.p_value <= LEVEL else ABSENT
-        if candidate.key in [item.key for item in accepted] and candidate.fault != "denied":
-            verdict = ADD
-        like = candidate.rivals
+        partner, verdict, like = self._partner(candidate), self._verdict(candidate), candidate.rivals
         if partner is not None:
             like = (partner, *(rival for rival in partner.rivals if rival.key != candidate.key))
-        beside = [item for item in accepted if item.after.keys() & candidate.after.keys()]
+        beside = [item for item in self.search.accepted if item.after.keys() & candidate.after.keys()]
         better = max(beside, key=lambda item: item.evidence, default=step.chosen)
-        return Candidate(
-            **_facts(candidate, like),
-            verdict=verdict,
-            reason=reason(candidate, None if verdict == ADD or partner or better is None else better.key[0]),
-            evidence=candidate.evidence,
-            rmse_after=min(candidate.after.values(), default=None),
-            rmse_heldout_before=falls.before if falls else None,
-            rmse_heldout_after=falls.after if falls else None,
-            posture_gain=_posture_gain(candidate),
-        )
+        why = reason(candidate, None if verdict == ADD or partner or better is None else better.key[0])
+        return Candidate(**self._facts(candidate, like), verdict=verdict, reason=why)
 
-
-def _facts(candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
-    """What a finding and a candidate both tell; the command is empty for a suspected column, which nothing adds."""
-    term = candidate.trial.added
-    option = option_text(term.effect.name, term.joint, term.shape)
-    names = dict.fromkeys(rival_name(rival.key, term.joint) for rival in rivals if rival.key != term.key)
-    return {
-        "effect": term.effect.name,
-        "joint": term.joint,
-        "shape": dict(term.shape),
-        "rivals": tuple(names),
-        "p_value": candidate.p_value,
-        "command": option and f"{IDENTIFY} --add {option}",
-        "sizes": sizes(candidate),
-    }
+    def _facts(self, candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
+        """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
+        term, falls = candidate.trial.added, candidate.falls
+        option = option_text(term.effect.name, term.joint, term.shape)
+        names = dict.fromkeys(rival_name(rival.key, term.joint) for rival in rivals if rival.key != term.key)
+        return {
+            "effect": term.effect.name,
+            "joint": term.joint,
+            "shape": dict(term.shape),
+            "p_value": candidate.p_value,
+            "evidence": candidate.evidence,
+            "rmse_after": min(candidate.after.values(), default=None),
+            "rmse_heldout_before": falls.before if falls else None,
+            "rmse_heldout_after": falls.after if falls else None,
+            "posture_gain": _posture_gain(candidate),
+            "sizes": sizes(candidate),
+            "rivals": tuple(names),
+            "command": option and f"{IDENTIFY} --add {option}",
+        }
 
 
 def _posture_gain(candidate: EvaluatedCandidate) -> float | None:
@@ -325,14 +310,8 @@ def diagnose(
 
     Each candidate is scored beside the fitted model; its chance is that of the best of the whole catalogue when the
     signs of whole runs are flipped; it must then predict runs that were left out. What passes is added, and all is
-    looked at again.
-
-    Parameters
-    ----------
-    estimate, dataset, robot
-        The model, whose effects are not sought again, runs of which those held out only judge, and the arm.
-    suspects, progress
-        Names of extra columns that `dataset` carries; called with a word on what is done.
+    looked at again. Effects of the model are not sought again, runs that are held out only judge. `suspects` are names
+    of extra columns that `dataset` carries; `progress` is called with a word on what is done.
 
     Raises
     ------

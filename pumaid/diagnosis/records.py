@@ -94,7 +94,7 @@ class Candidate:
     verdict: str
     reason: str
     p_value: float
-    evidence: float
+    evidence: float = 0.0
     rmse_after: float | None = None
     rmse_heldout_before: float | None = None
     rmse_heldout_after: float | None = None
@@ -105,11 +105,21 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
-    """What these data could not have shown: the smallest size of an effect seen with 80 % chance, or why none is.
+class Finding(Candidate):
+    """What the user should add: a candidate, and what would tell it from its rivals.
 
-    `parameter` and `unit` say what the size is of; `size` is None where no size could be seen, `reason` then says why.
+    `rmse_heldout_before` and `_after` (A) are of runs that no fit saw, `transfer` says how much of the effect these
+    show, where they can. `curves` let it be seen, one for each joint whose current it changes most.
     """
+
+    next_run: NextRun | None = None
+    curves: tuple[Curve, ...] = ()
+    transfer: Transfer | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """The smallest size of an effect's `parameter` that is seen with 80 % chance; None where none, `reason` why."""
 
     effect: str
     joint: int | None
@@ -214,30 +224,6 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """What the user should add: an effect at a joint (None: the whole arm), its rivals and what would decide.
-
-    `rmse_heldout_before` and `_after` (A) are of runs that no fit saw, `transfer` says how much of the effect these
-    show, where they can. `curves` let it be seen, one for each joint whose current it changes most.
-    """
-
-    effect: str
-    joint: int | None
-    shape: Mapping[str, float]
-    verdict: str
-    rivals: tuple[str, ...]
-    p_value: float
-    text: str
-    command: str
-    rmse_heldout_before: float | None = None
-    rmse_heldout_after: float | None = None
-    sizes: tuple[Size, ...] = ()
-    next_run: NextRun | None = None
-    curves: tuple[Curve, ...] = ()
-    transfer: Transfer | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Digest:
     """SHA-256 of a file."""
 
@@ -264,29 +250,17 @@ class Diagnosis:
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """A diagnosis as its JSON document; SI, angles in rad."""
+    """As JSON; SI, angles in rad."""
     return sealed(heading("diagnosis") | plain(diagnosis))
 
 
 def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
-    """Write a diagnosis file atomically.
-
-    Raises
-    ------
-    ResultError [cannot-write]
-        The system refuses.
-    """
+    """Write a diagnosis file atomically; raises ResultError (cannot-write)."""
     write_file(Path(path), as_text(diagnosis_document(diagnosis)))
 
 
 def read_diagnosis(path: Path) -> Diagnosis:
-    """Read a diagnosis file.
-
-    Raises
-    ------
-    ResultError [file-not-readable], [diagnosis-damaged]
-        It is no diagnosis that this version can read, or was changed.
-    """
+    """Read a diagnosis file; raises ResultError (file-not-readable, diagnosis-damaged)."""
     return read_document(Path(path), "diagnosis", partial(record_from, Diagnosis))
 
 

@@ -10,10 +10,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.candidates import Candidates
-from pumaid.diagnosis.periodogram import Spectrum, spectrum
-from pumaid.diagnosis.score_test import minus_log10_p, score_candidates
-from pumaid.diagnosis.sign_flip import PERIODIC, replicate_test, sign_flips
+from pumaid.diagnosis.candidates import Candidates, Spectrum, spectrum
+from pumaid.diagnosis.score_test import score_candidates
+from pumaid.diagnosis.sign_flip import replicate_test, sign_flips
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family
 from pumaid.effects.base import NO_SHAPE, Parameter
@@ -95,27 +94,14 @@ def budget(
     """Split the mean square of what a model leaves at one joint into parts that add up to it.
 
     Dependences on position, direction, posture, speed, load, time, temperature and the start of a run, and ripples, are
-    score-tested like effects, with signs of whole runs flipped, and taken out one after the other, the largest first.
-    What each takes, less what noise brings into its directions, is its part. What repeats between replicates and is
-    none of these is unassigned. The rest is noise. Without replicates, what differs from run to run is unassigned too,
-    since it may be either.
+    score-tested like effects and taken out one after the other, the largest first. What each takes, less what noise
+    brings into its directions, is its part. What repeats between replicates and is none of these is unassigned, and
+    without replicates what differs from run to run, which may be either; the rest is noise.
 
-    Parameters
-    ----------
-    bins
-        The runs of the joint, in as many bins as they have.
-    residual
-        (N,) A, measured less predicted, at these bins.
-    joint
-        Whose runs they are.
-    load
-        (N,) A that gravity draws by the model; that of the bins where they know it.
-    mean_square
-        A2 of samples, where it is known better than from the bins.
-    floor
-        A: the noise floor by replicates, where it is known already.
-    is_fitted
-        Whether the model was fitted to these very runs, so that friction is already at its best.
+    `residual` (N,) A is measured less predicted at the bins, `load` (N,) A what gravity draws by the model (that of the
+    bins where they know it), `mean_square` (A2) and `floor` (A) are those of samples and of replicates where they are
+    known better than from the bins; `is_fitted` says that the model was fitted to these very runs, so that friction is
+    at its best.
 
     Source
     ------
@@ -129,17 +115,28 @@ def budget(
     if mean_square is None:
         mean_square = (square + float(bins.count @ bins.inside_left(bins.current - residual))) / samples
     inside = max(mean_square * samples - square, 0.0)
-    columns = columns_of(bins, joint, load)
-    search = _Decomposition(bins, residual, columns, inside=inside, is_fitted=is_fitted)
+    search = _Decomposition(bins, residual, columns_of(bins, joint, load), inside=inside, is_fitted=is_fitted)
     if mean_square > ROUNDING**2:
         search.run()
+    strokes, speeds = bins.has_strokes, len(bins.speeds)
+    limits = {
+        "few-runs": len(bins.runs) < FEWEST_RUNS,
+        "no-replicates": not bins.pairs,
+        "one-direction": len(bins.directions) == 1,
+        "one-posture": len(bins.postures) == 1,
+        "one-speed": speeds == 1 and not strokes,
+        "two-speeds": speeds == 2 and not strokes,
+        "strokes": strokes,
+        "several-clocks": len({run.clock for run in bins.runs}) > 1,
+        "no-load": load is None,
+    }
     return Budget(
         mean_square=mean_square,
         parts=search.parts(joint, mean_square),
         runs=len(bins.runs),
         replicates=sum(len(group) for group in bins.groups if len(group) > 1),
         floor=None if floor is None else floor**2,
-        limits=tuple(_limits(bins, has_load=load is not None)),
+        limits=tuple(slug for slug, is_so in limits.items() if is_so),
     )
 
 
@@ -155,7 +152,11 @@ def columns_of(bins: JointBins, joint: Joint, load: Floats | None) -> dict[Key, 
     speed = np.abs(samples.velocity[:, bins.joint - 1])
     v = (speed / (speed.max() or 1.0))[:, None]
     age = samples.time / (samples.time.max() or 1.0)
-    posture, by_speed = _postures(bins), _half_waves(v[:, 0], SPEEDS)
+    number = np.zeros(len(bins.runs), dtype=np.int64)  # of the posture, the most frequent first
+    for place, group in enumerate(sorted(bins.postures, key=len, reverse=True)):
+        number[list(group)] = min(place, MOST_POSTURES)
+    posture = np.asarray((number[run, None] == np.arange(number.max() + 1)).astype(float))
+    by_speed = _half_waves(v[:, 0], SPEEDS)
     smooth = np.polynomial.legendre.legvander(2.0 * share - 1.0, DEGREE if joint.is_revolute else SLIDING_DEGREE)[:, 1:]
     first = posture * 0.0
     if joint.is_revolute:
@@ -202,14 +203,6 @@ def _half_waves(share: Floats, count: int) -> Floats:
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, count + 1)))
 
 
-def _postures(bins: JointBins) -> Floats:
-    """(N, K) one column for each held posture, the most frequent first."""
-    number = np.zeros(len(bins.runs), dtype=np.int64)
-    for place, group in enumerate(sorted(bins.postures, key=len, reverse=True)):
-        number[list(group)] = min(place, MOST_POSTURES)
-    return np.asarray((number[bins.run, None] == np.arange(number.max() + 1)).astype(float))
-
-
 def _centred(columns: Floats, weight: Floats, label: Labels) -> Floats:
     """Less their mean over the bins of each label."""
     total = np.bincount(label, weight)
@@ -250,24 +243,6 @@ class Dependence(Effect):
         return self.values
 
 
-class ResidualFit:
-    """What score tests ask of a fit: one joint's residual beside what was taken out of it."""
-
-    scale = 1.0
-    model = SimpleNamespace(robot=None)  # a dependence asks for no robot
-
-    def __init__(self, row: FitRow) -> None:
-        self.joints, self.inverse = (row,), np.linalg.pinv(row.slim.T @ row.slim, hermitian=True)
-
-    def row(self, joint: int) -> FitRow:
-        """The only joint's."""
-        return self.joints[0]
-
-    def signs(self, term: EffectTerm) -> Floats:
-        """(K,) zero: each parameter may have either sign."""
-        return np.zeros(len(term.effect.parameters(self.model.robot, term.number)))
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Portion:
     """What could be taken out of a residual, or was.
@@ -297,8 +272,7 @@ class _Decomposition:
         everything = _orthonormal(np.hstack(list(columns.values())), self.weight, self.basis)
         self.noise = noise_of(bins, residual - everything @ (everything.T @ (self.weight * residual)))
         self.columns = columns if len(bins.runs) >= FEWEST_RUNS else {}
-        self.has_replicates = bool(bins.pairs)
-        self.tests = 1 + self.has_replicates
+        self.tests = 1 + bool(bins.pairs)
         self.taken: list[Portion] = []
         self.waves: list[float] = []
         self.chance: dict[Key, float] = {}
@@ -310,44 +284,58 @@ class _Decomposition:
             passing = self._passing()
             if not passing:
                 return
-            self._take(max(passing, key=lambda portion: portion.square - cost * self._noise(portion.basis)))
+            largest = max(passing, key=lambda portion: portion.square - cost * self._noise(portion.basis))
+            if largest.key == RIPPLE:
+                self.waves.append(largest.frequency)
+            else:
+                del self.columns[largest.key]
+            least = LEAST_RIPPLE if largest.key == RIPPLE else LEAST
+            if largest.square - self._noise(largest.basis) >= least * self.total:
+                self.residual = self.residual - largest.basis @ self._along(largest.basis)
+                self.basis = np.hstack([self.basis, largest.basis])
+                self.taken.append(largest)
 
     def _passing(self) -> list[Portion]:
         """What is more than noise; chances are noted."""
-        fit, joint, waves = self._fit(), self.bins.joint, self._spectrum()
+        fit, joint, waves, out = self._fit(), self.bins.joint, self._spectrum(), []
         bases = {key: _orthonormal(values, self.weight, self.basis) for key, values in self.columns.items()}
         groups = [(EffectTerm(Dependence(key, basis), joint),) for key, basis in bases.items() if basis.shape[1]]
-        table = score_candidates(fit, Candidates(tuple(groups)))
+        table = replace(score_candidates(fit, Candidates(tuple(groups))), spectra=() if waves is None else (waves,))
         surprises = {test.added.key: test.surprise(fit.scale) for test in table.trials}
-        if waves is not None:
-            table = replace(table, spectra={joint: waves})
-            surprises[RIPPLE_NAME, joint] = float(minus_log10_p(waves.statistic().max() / fit.scale, PERIODIC))
-        flips = sign_flips(table, periodic=RIPPLE_NAME)
-        out = []
-        for (name, _), surprise in surprises.items():
-            key, beyond = KEYS[name], surprise - flips.handicaps[name, joint]
+        surprises |= {spectrum.key: spectrum.surprise(fit.scale) for spectrum in table.spectra}
+        flips, done = sign_flips(table), {portion.key for portion in self.taken}
+        for name, surprise in surprises.items():
+            key, beyond = KEYS[name[0]], surprise - flips.handicaps[name]
             chance = self.tests * float(1 + np.count_nonzero(flips.largest >= beyond)) / (1 + len(flips.largest))
-            if key not in {portion.key for portion in self.taken}:
+            if key not in done:
                 self.chance[key] = min(chance, 1.0)
             if chance <= FALSE_ALARM and key == RIPPLE and waves is not None:
                 out.append(self._ripple(chance, waves))
             elif chance <= FALSE_ALARM:
-                out.append(self._portion(key, chance, bases[key]))
+                out.append(Portion(key, chance, bases[key], float(np.sum(self._along(bases[key]) ** 2))))
         return out
 
     def _fit(self) -> Fit:
-        """The residual beside what was taken out of it."""
+        """What score tests ask of a fit: the residual beside what was taken out of it."""
         white = self.noise.whiten(self.bins, np.column_stack([self.basis, self.residual]))
-        numbers = np.arange(self.basis.shape[1])
-        parts = (white[:, :-1], white[:, -1], self.basis, self.residual)
-        return cast(Fit, ResidualFit(FitRow(self.bins, self.noise, numbers, *parts, len(numbers))))
+        numbers, slim = np.arange(self.basis.shape[1]), white[:, :-1]
+        row = FitRow(self.bins, self.noise, numbers, slim, white[:, -1], self.basis, self.residual, len(numbers))
+        fit = SimpleNamespace(
+            joints=(row,),
+            row=lambda joint: row,
+            inverse=np.linalg.pinv(slim.T @ slim, hermitian=True),
+            scale=1.0,
+            model=SimpleNamespace(robot=None),  # a dependence asks for no robot
+            signs=lambda term: np.zeros(term.effect.values.shape[1]),
+        )
+        return cast(Fit, fit)
 
     def _spectrum(self) -> Spectrum | None:
         """Of what is left beside a polynomial of each run's own."""
-        rough = self._rough()
+        rough, key = self._rough(), (RIPPLE_NAME, self.bins.joint)
         noise = noise_of(self.bins, rough, pairs=())
         white = noise.whiten(self.bins, rough)
-        return spectrum(self.bins, noise, white, without=self.waves, fewest_periods=FEWEST_WAVES)
+        return spectrum(key, self.bins, noise, white=white, without=self.waves, fewest_periods=FEWEST_WAVES)
 
     def _rough(self) -> Floats:
         """(N,) the residual less a polynomial of each run's own."""
@@ -368,10 +356,7 @@ class _Decomposition:
         size = np.linalg.lstsq(means * root[:, None], self.residual * root, rcond=1e-9)[0]
         within = float(self.weight @ self.bins.variance(both @ size))
         basis = _orthonormal(means, self.weight, self.basis)
-        return replace(self._portion(RIPPLE, chance, basis), within=within, frequency=frequency)
-
-    def _portion(self, key: Key, chance: float, basis: Floats) -> Portion:
-        return Portion(key, chance, basis, float(np.sum(self._along(basis) ** 2)))
+        return Portion(RIPPLE, chance, basis, float(np.sum(self._along(basis) ** 2)), within, frequency)
 
     def _along(self, basis: Floats) -> Floats:
         return np.asarray(basis.T @ (self.weight * self.residual))
@@ -382,22 +367,9 @@ class _Decomposition:
         free = np.maximum(1.0 - self.bins.sums(weighted * basis), LEAST_FREE)
         return float(np.sum(self.bins.sums(weighted * rest[:, None]) ** 2 / free))
 
-    def _take(self, portion: Portion) -> None:
-        """Take a portion out if it is worth a part, and look at it no more."""
-        if portion.key == RIPPLE:
-            self.waves.append(portion.frequency)
-        else:
-            del self.columns[portion.key]
-        least = LEAST_RIPPLE if portion.key == RIPPLE else LEAST
-        if portion.square - self._noise(portion.basis) >= least * self.total:
-            self.residual = self.residual - portion.basis @ self._along(portion.basis)
-            self.basis = np.hstack([self.basis, portion.basis])
-            self.taken.append(portion)
-
     def parts(self, joint: Joint, total: float) -> tuple[BudgetPart, ...]:
         """Every part; they add up to the mean square `total` (A2)."""
-        samples, inside = float(self.weight.sum()), self.inside
-        explained = dict.fromkeys(CAUSES, 0.0)
+        samples, inside, explained = float(self.weight.sum()), self.inside, dict.fromkeys(CAUSES, 0.0)
         for portion in self.taken:
             within = min(portion.within, inside)
             inside -= within
@@ -407,7 +379,7 @@ class _Decomposition:
         level = float(np.mean(noise_of(self.bins, self.residual).level ** 2))
         unassigned, chance = self._unassigned(level)
         unassigned = min(unassigned, rest)
-        shared = min(level if self.has_replicates else 0.0, rest - unassigned)
+        shared = min(level if self.bins.pairs else 0.0, rest - unassigned)
         causes = [self._cause(name, joint, explained[name]) for name in CAUSES]
         noises = (BudgetPart("noise_shared", shared), BudgetPart("noise_inside", rest - unassigned - shared))
         is_more = unassigned > 0.0 and chance is not None and chance <= FALSE_ALARM
@@ -422,10 +394,9 @@ class _Decomposition:
         if len(self.bins.runs) < FEWEST_RUNS:
             slow = square - float(np.average(self._rough() ** 2, weights=self.weight))
             return (slow if slow >= least else 0.0), None
-        if not self.has_replicates:
+        if not self.bins.pairs:
             return level, None
-        white = self.noise.whiten(self.bins, self.residual)
-        repeated = replicate_test(self.bins, self.residual, white)
+        repeated = replicate_test(self.bins, self.residual, self.noise.whiten(self.bins, self.residual))
         if repeated is None:
             return 0.0, None
         chance, shared = min(self.tests * repeated.p_value, 1.0), repeated.share * square
@@ -433,14 +404,14 @@ class _Decomposition:
 
     def _cause(self, name: str, joint: Joint, mean_square: float) -> BudgetPart:
         portions = sorted((item for item in self.taken if item.key[0] == name), key=lambda item: -item.square)
-        tried = [chance for key, chance in self.chance.items() if key[0] == name]
+        tried = [item.chance for item in portions] or [chance for key, chance in self.chance.items() if key[0] == name]
         turn = 1.0 if joint.is_revolute else 2.0 * np.pi
         cycles = tuple(item.frequency / turn for item in portions if item.frequency)
         gearing = joint.gear_ratio if joint.is_revolute else None
         return BudgetPart(
             name=name,
             mean_square=mean_square,
-            p_value=min((item.chance for item in portions), default=min(tried, default=None)),
+            p_value=min(tried, default=None),
             is_more=bool(portions),
             against=tuple(dict.fromkeys(item.key[1] for item in portions)),
             cycles=cycles,
@@ -459,20 +430,3 @@ def _orthonormal(columns: Floats, weight: Floats, taken: Floats | None = None) -
     values, vectors = np.linalg.eigh(rest.T @ (weight[:, None] * rest))
     visible = values > LEAST_BESIDE
     return np.asarray(rest @ (vectors[:, visible] / np.sqrt(values[visible])))
-
-
-def _limits(bins: JointBins, *, has_load: bool) -> list[str]:
-    """What these runs cannot split."""
-    strokes = bins.has_strokes
-    claims = {
-        "few-runs": len(bins.runs) < FEWEST_RUNS,
-        "no-replicates": not bins.pairs,
-        "one-direction": len(bins.directions) == 1,
-        "one-posture": len(bins.postures) == 1,
-        "one-speed": len(bins.speeds) == 1 and not strokes,
-        "two-speeds": len(bins.speeds) == 2 and not strokes,
-        "strokes": strokes,
-        "several-clocks": len({run.clock for run in bins.runs}) > 1,
-        "no-load": not has_load,
-    }
-    return [slug for slug, is_so in claims.items() if is_so]

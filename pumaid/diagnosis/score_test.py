@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from pumaid.diagnosis.candidates import Candidates, Key, grid_of
-from pumaid.diagnosis.periodogram import Spectrum
+from pumaid.diagnosis.candidates import Candidates, Key, Spectrum, grid_of, minus_log10_p
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import ABSORBED, Fit, Projector
 from pumaid.maths.rank import pseudo_inverse
@@ -21,8 +19,6 @@ Floats = NDArray[np.float64]
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum.
 SINGULAR = 1e4
-#: Half of a chi-square beyond which its tail is told by the expansion, for no program can hold it.
-FAR = 500.0
 #: Least share of an information that is left for a residual where few runs feed many parameters.
 LEAST_FREEDOM = 0.25
 
@@ -65,13 +61,13 @@ class ScoreTest:
 class ScoreTable:
     """All candidates scored beside one fit: a test of each shape that the model does not absorb.
 
-    `spectra` are, by joint, the scores of all frequencies of a periodic effect.
+    `spectra` are the scores of all frequencies of periodic effects.
     """
 
     solved: Fit
     candidates: Candidates
     trials: tuple[ScoreTest, ...]
-    spectra: Mapping[int, Spectrum] = field(default_factory=dict)
+    spectra: tuple[Spectrum, ...] = ()
 
     def best(self) -> dict[Key, ScoreTest]:
         """The best shape of each effect at each joint."""
@@ -127,14 +123,6 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     projector = Projector(solved)
     tests = [test for group in tried.groups for test in scores_at(projector, group)]
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
-
-
-def minus_log10_p(statistic: Floats | float, freedoms: int) -> Floats:
-    """-log10 of the chance of at least `statistic` under chi-square, also far out in the tail."""
-    half, x = freedoms / 2.0, np.asarray(statistic, dtype=float) / 2.0
-    tail, beyond = np.maximum(special.gammaincc(half, x), 1e-300), np.maximum(x, FAR)
-    far = (half - 1.0) * np.log(beyond) - beyond - special.gammaln(half) + np.log1p((half - 1.0) / beyond)
-    return np.asarray(-np.where(x > FAR, far, np.log(tail)) / np.log(10.0))
 
 
 #: Evaluations of one search.

@@ -9,8 +9,9 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.diagnosis.candidates import Key
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p
+from pumaid.diagnosis.candidates import PERIODIC, Key, minus_log10_p
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest
+from pumaid.estimation.fit import Projector
 from pumaid.joint_bins import JointBins
 from pumaid.maths.rank import pseudo_inverse
 
@@ -20,8 +21,6 @@ Floats = NDArray[np.float64]
 FLIPS = 999
 #: Of the flips; a diagnosis is the same each time.
 SEED = 20_261
-#: Degrees of freedom of a periodic effect: cosine and sine.
-PERIODIC = 2
 #: Quantile of each candidate's own flips that all are brought to, so that each has the same chance of a false alarm.
 BALANCED = 0.98
 #: Surprise beyond which no flip is asked. Of what shows in a few runs flips can say nothing (of three runs one flip in
@@ -63,11 +62,11 @@ class SignFlips:
         return min(self.handicaps.get(key, 0.0) + beyond, self.gross(key))
 
 
-def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FLIPS) -> SignFlips:
+def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
     """Flip the signs of whole runs' scores and keep the best shape of each candidate each time.
 
-    Candidates with many shapes (all frequencies of the `periodic` effect) are handicapped by what these gain in the
-    flips, so that they do not drown the others.
+    Candidates with many shapes (all frequencies of a periodic effect) are handicapped by what these gain in the flips,
+    so that they do not drown the others.
 
     Source
     ------
@@ -79,11 +78,10 @@ def sign_flips(scan: ScoreTable, *, periodic: str | None = None, flips: int = FL
     scale, surprises = scan.solved.scale, dict[Key, Floats]()
     for key, trials in groupby(scan.trials, key=lambda trial: trial.added.key):
         surprises[key] = minus_log10_p(*_best(list(trials), signs, scale=scale))
-    stops = np.cumsum([len(row.bins.runs) for row in scan.solved.joints])
-    for row, flipped in zip(scan.solved.joints, np.split(signs, stops[:-1], axis=1), strict=True):
-        if row.bins.joint in scan.spectra and periodic is not None:
-            best = scan.spectra[row.bins.joint].highest(flipped)
-            surprises[periodic, row.bins.joint] = minus_log10_p(best / scale, PERIODIC)
+    runs = Projector(scan.solved).runs
+    for waves in scan.spectra:
+        best = waves.highest(signs[:, runs[waves.key[1] or 0]])
+        surprises[waves.key] = minus_log10_p(best / scale, PERIODIC)
     if not surprises:
         return SignFlips({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(drawn, BALANCED)) for key, drawn in surprises.items()}

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Run
-from pumaid.diagnosis.candidates import Key, candidates, settling
+from pumaid.diagnosis.candidates import Key, Spectrum, candidates, settling, spectrum
 from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
-from pumaid.diagnosis.periodogram import Spectrum, spectrum
 from pumaid.diagnosis.records import Transfer
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, minus_log10_p, refine_shape, score_at, score_candidates
-from pumaid.diagnosis.sign_flip import PERIODIC, SignFlips, sign_flips
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, refine_shape, score_at, score_candidates
+from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, misfit_at
@@ -24,6 +23,8 @@ from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.model import Model
 
 Floats = NDArray[np.float64]
+#: A candidate at its best on the grid, with its shape refined, and the fit that shows it.
+Leader = tuple[ScoreTest, ScoreTest, Fit]
 
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
 #: experiment in twenty is told that something is missing when nothing is.
@@ -52,22 +53,12 @@ MOST_DENIED = 4
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EvaluatedCandidate:
-    """A candidate looked at closely.
+    """A candidate at its best shape, and the fit that it was tried on.
 
-    Attributes
-    ----------
-    trial, on
-        At its best shape, and the fit that it was tried on.
-    p_value, evidence
-        Family-wise; twice the gain in log likelihood, less what its parameters would gain by chance.
-    falls
-        What leaving runs out says; None where chance alone could have made it.
-    before, after
-        (A) RMSE of the fitted samples by joint that it touches.
-    transfer
-        How much of it runs held out showed when it had been added; None before.
-    rivals
-        Of what was added: those which these data cannot tell from it.
+    `p_value` is family-wise, `evidence` twice the gain in log likelihood less what its parameters would gain by chance.
+    `falls` is what leaving runs out says (None where chance alone could have made it), `before` and `after` (A) are the
+    RMSE of the fitted samples by joint that it touches, `transfer` says how much of it runs held out showed once it had
+    been added, `rivals` are those which these data cannot tell from it, once it was added.
     """
 
     trial: ScoreTest
@@ -168,25 +159,12 @@ class Step:
 
 
 class Stepwise:
-    """A search on fitted runs: what is in the model, and how it came there.
+    """A search on fitted `runs` for what `model`, with the effects `given`, lacks.
 
-    Parameters
-    ----------
-    model, runs, given
-        The base model, the runs that are fitted, and effects that the model has already.
-    campaign
-        That of all runs of the logs, also those that are not fitted.
-    effects
-        What may be added; every effect that is no part of each model where not given.
-    unseen, tell
-        Runs that are not fitted; called with a word on what is done.
-
-    Attributes
-    ----------
-    added, steps, accepted
-        What is in the model now (`given` first), each look, and each addition as it was judged.
-    denied
-        What was added and of which runs held out showed too little, so that it was looked for no more.
+    Any of `effects` may be added (every effect that is no part of each model where not given). `campaign` is that of
+    all runs of the logs, `unseen` are runs that are not fitted; `tell` is called with a word on what is done. `added`
+    is what is in the model now (`given` first), `steps` are the looks, `accepted` the additions as they were judged,
+    `denied` those of which runs held out showed too little, so that they are looked for no more.
     """
 
     def __init__(
@@ -274,8 +252,8 @@ class Stepwise:
             solved = self.solved(added, _noises(self._unsized([*added, lead.added])))
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
-        chances = sign_flips(table, periodic=self.periodic.name if self.periodic else None)
-        evaluated = [self._judged(table, pair, chances) for pair in self._leaders(table, chances)]
+        chances = sign_flips(table)
+        evaluated = [self._judged(table, leader, chances) for leader in self._leaders(table, chances)]
         evaluated.sort(key=lambda item: -item.evidence)
         chosen = next((item for item in evaluated if item.fault is None), None)
         if chosen is not None:
@@ -283,44 +261,42 @@ class Stepwise:
             chosen = replace(chosen, rivals=like)
         return Step(table, chances, chosen, tuple(evaluated))
 
-    def _spectra(self, solved: Fit) -> dict[int, Spectrum]:
+    def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:
         """Of what the solved system leaves, at the finest bins."""
-        out: dict[int, Spectrum] = {}
-        effect = self.periodic
+        out, effect = [], self.periodic
         if effect is None or effect.periodic is None:
-            return out
+            return ()
         for bins in (bins for bins in self._bins[1] if effect.applies(self.model.robot, bins.joint) is None):
-            coarse, misfit = solved.row(bins.joint).residual, misfit_at(solved, bins)
+            coarse, misfit, key = solved.row(bins.joint).residual, misfit_at(solved, bins), (effect.name, bins.joint)
             noise = noise_of(bins, misfit)
             white = noise.whiten(bins, misfit)
             square = solved.square - float(coarse @ coarse) + float(white @ white)
-            scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1)
+            scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1) / solved.scale
             terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
-            known_waves = [term.shape[effect.periodic] for term in terms if term.key == (effect.name, bins.joint)]
-            waves = spectrum(bins, noise, white, scale=scale / solved.scale, without=known_waves)
-            if waves is not None:
-                out[bins.joint] = waves
-        return out
+            waves = [term.shape[effect.periodic] for term in terms if term.key == key]
+            out.append(spectrum(key, bins, noise, white=white, scale=scale, without=waves))
+        return tuple(item for item in out if item is not None)
 
-    def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, ScoreTest]]:
-        """Candidates worth a close look, on the grid and with refined shapes, periodic ones at their peaks."""
-        solved = table.solved
+    def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[Leader]:
+        """Candidates worth a close look, on the grid and with refined shapes, and the fit that shows them.
+
+        Periodic ones are at their peaks.
+        """
+        solved, effect = table.solved, self.periodic
         grid = sorted(table.best().values(), key=lambda trial: -evidence(solved, trial))
         near = [trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(solved.scale)) <= FAR]
-        projector = Projector(solved)
-        pairs = [(trial, refine_shape(projector, trial)) for trial in (near or grid[:1])[:LEADERS]]
-        for joint, waves in table.spectra.items():
-            effect, statistic = self.periodic, waves.statistic()
-            surprise = float(minus_log10_p(statistic.max() / solved.scale, PERIODIC))
-            if effect is None or effect.periodic is None or chances.p_value((effect.name, joint), surprise) > FAR:
+        leaders = [(trial, solved) for trial in (near or grid[:1])[:LEADERS]]
+        for waves in table.spectra:
+            if effect is None or chances.p_value(waves.key, waves.surprise(solved.scale)) > FAR:
                 continue
-            frequency = float(waves.frequency[int(np.argmax(statistic))])
-            term = EffectTerm(effect, joint, {effect.periodic: frequency})
-            projector = Projector(self._where_it_shows(solved, term))
-            trial = score_at(projector, term)
+            frequency = float(waves.frequency[int(np.argmax(waves.statistic()))])
+            term = EffectTerm(effect, waves.key[1], {effect.periodic or "": frequency})
+            on = self._where_it_shows(solved, term)
+            trial = score_at(Projector(on), term)
             if trial is not None:
-                pairs.append((trial, refine_shape(projector, trial)))
-        return pairs
+                leaders.append((trial, on))
+        projectors = {id(on): Projector(on) for _, on in leaders}
+        return [(trial, refine_shape(projectors[id(on)], trial), on) for trial, on in leaders]
 
     def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
         """A fit with the finest bins of the joint of a periodic effect, else as it is."""
@@ -328,9 +304,9 @@ class Stepwise:
             return solved
         return at_bins(solved, next(bins for bins in self._bins[1] if bins.joint == term.joint))
 
-    def _judged(self, table: ScoreTable, pair: tuple[ScoreTest, ScoreTest], chances: SignFlips) -> EvaluatedCandidate:
+    def _judged(self, table: ScoreTable, leader: Leader, chances: SignFlips) -> EvaluatedCandidate:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined."""
-        (grid, trial), on = pair, self._where_it_shows(table.solved, pair[1].added)
+        grid, trial, on = leader
         chance, falls = chances.p_value(grid.added.key, grid.surprise(on.scale)), None
         residuals = misfit_with(on, trial)
         before = {joint: rmse(on.row(joint).bins, on.row(joint).misfit) for joint in residuals}
@@ -363,9 +339,8 @@ class Stepwise:
             allowed = [trial for trial in table.best().values() if self._denial(trial.added) is None]
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:
-                pair = (top, refine_shape(Projector(solved), top))
-                self.added[place] = pair[1].added
-                self.accepted[place - len(self.given)] = self._judged(table, pair, chances)
+                better = self._judged(table, (top, refine_shape(Projector(solved), top), solved), chances)
+                self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
             place += 1
 
 

@@ -21,7 +21,7 @@ from command import run
 import pumaid
 from pumaid.cli import group
 from pumaid.cli.additions import with_commands
-from pumaid.diagnosis.plan_for_effect import plan_of_findings as deciding
+from pumaid.diagnosis.discrimination import plan_of_findings as deciding
 from pumaid.diagnosis.records import Diagnosis, Digest, read_diagnosis, write_diagnosis
 from pumaid.experiment import Experiment
 from pumaid.io.plan_file import read_plan, write_plan

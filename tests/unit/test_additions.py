@@ -23,7 +23,7 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     lab, told = lever(), []
     estimate = replace(lab.estimate, joints=tuple(replace(one, rmse=0.02) for one in lab.estimate.joints))
     monkeypatch.setattr("pumaid.estimation.estimate.identify", lambda *args, **more: stretched(estimate, factor))
-    found = Finding("spring", 1, {}, ADD, ("counterbalance",), 0.001, "", "")
+    found = Finding("spring", 1, {}, ADD, "", 0.001, rivals=("counterbalance",))
     diagnosis = Diagnosis(lab.robot.name, (), (found,))
     done, last = added(
         diagnosis,

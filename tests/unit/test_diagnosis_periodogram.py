@@ -10,7 +10,7 @@ from searches import LEVER, Din, Lab, design, left, roots
 from worlds import course, run_of
 
 from pumaid.dataset import Run
-from pumaid.diagnosis.periodogram import Spectrum, spectrum
+from pumaid.diagnosis.candidates import Spectrum, spectrum
 from pumaid.estimation.fit import FitRow, loaded
 from pumaid.estimation.gls import fit_with_replicates
 from pumaid.joint_bins import joint_bins
@@ -24,7 +24,7 @@ WAVE, NOISE = 90.0, 0.02
 
 def waves_of(row: FitRow, **more) -> Spectrum | None:
     """The spectrum of what a fit leaves of a joint."""
-    return spectrum(row.bins, row.noise, row.residual, **more)
+    return spectrum(("ripple", row.bins.joint), row.bins, row.noise, white=row.residual, **more)
 
 
 @cache

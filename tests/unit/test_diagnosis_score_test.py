@@ -11,10 +11,9 @@ from scipy.optimize import nnls
 from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
-from pumaid.diagnosis.candidates import candidates
+from pumaid.diagnosis.candidates import candidates, minus_log10_p
 from pumaid.diagnosis.score_test import (
     ScoreTest,
-    minus_log10_p,
     refine_shape,
     score_at,
     score_candidates,

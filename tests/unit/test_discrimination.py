@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pumaid.design.discrimination import FittedEffect, Separation, candidates, runs_ahead, showing
+from pumaid.diagnosis.discrimination import Separation, candidates, deciding, runs_ahead, showing
 from pumaid.diagnosis.score_test import refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
-from pumaid.diagnosis.verdict import next_run as deciding
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Projector, loaded
@@ -21,6 +20,7 @@ from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import read_recipe
 from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model
+from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench, Hidden, draw
 from pumaid.trajectory import Motion, Plan
 
@@ -135,9 +135,9 @@ def test_gain_is_what_least_squares_leaves():
         return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=1e-9)[0]) ** 2))
 
     scale = (solved.square - truth.statistic) / (solved.size - solved.rank)
-    found = Separation(
-        solved, [ahead], 1, pair=(FittedEffect(truth.added, truth.sizes, truth.statistic), [rival.added])
-    ).gains(np.ones((1, 1)))
+    found = Separation(solved, [ahead], 1, pair=(truth.added, truth.sizes, truth.statistic, [rival.added])).gains(
+        np.ones((1, 1))
+    )
     assert found[0] == pytest.approx((left(2) - left(1)) / scale, rel=2e-3)  # a ridge stands for what no run shows
 
 
@@ -174,14 +174,14 @@ def test_what_has_passed_is_asked_of_a_cold_arm():
     _, solved = measured("warmup")
     found = deciding(solved, trial(solved, "warmup"), trial(solved, "friction_step"))
     assert found.text.startswith("let the arm cool") and found.repeats is not None
-    assert showing(solved, catalogue()["friction_step"], JOINT) is None
+    assert showing(solved, EffectChoice("friction_step", JOINT), {}) is None
 
 
 def test_unseen_effect_is_shown():
     """Runs that should show a friction that the data cannot do show it, and by about what was promised."""
     motions = campaign(4, speeds=(0.6, 0.75, 0.9))
     solved = system(runs_of(STRIBECK, motions, 4))
-    found = showing(solved, catalogue()["stribeck"], JOINT, size=0.3)
+    found = showing(solved, EffectChoice("stribeck", JOINT), {"a": 0.3})
     runs = system(runs_of(STRIBECK, [*motions, *found.motions], 4))
     before, after = (trial(one, "stribeck").statistic / one.scale for one in (solved, runs))
     assert before < 10.0 < 25.0 < after

@@ -13,7 +13,7 @@ from menus import arm
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
 from pumaid.design.prior import Setup, prior_robots
-from pumaid.diagnosis.plan_for_effect import plan_for_effect, rehearsed, solved_on, usual
+from pumaid.diagnosis.discrimination import plan_for_effect, rehearsed, solved_on, usual
 from pumaid.diagnosis.score_test import score_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue

@@ -25,9 +25,7 @@ def command(*, request: options.ModelOnLogs, worst: int) -> bool:
     from rich.console import Group
 
     from pumaid.diagnosis.compare import compare
-    from pumaid.reporting.context import ReportContext
     from pumaid.reporting.documents import comparison_document
-    from pumaid.reporting.figures.residuals import overview_figure
     from pumaid.reporting.tables import budget_parts, comparison_table, outside_table, worst_runs_table
     from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
@@ -35,6 +33,9 @@ def command(*, request: options.ModelOnLogs, worst: int) -> bool:
     comparison, units = compare(estimate, dataset, robot), request.units
     notes((*estimate.notes, *comparison.notes))
     if request.picture is not None and comparison.runs:
+        from pumaid.reporting.context import ReportContext
+        from pumaid.reporting.figures.residuals import overview_figure
+
         context = ReportContext(robot, estimate, dataset, comparison, units)
         write_picture(request.picture, overview_figure(context))
     elif request.picture is not None:

@@ -108,7 +108,7 @@ def _diagnosis(
 
 def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     """Write the runs that would decide, as often as it takes."""
-    from pumaid.diagnosis.plan_for_effect import plan_of_findings
+    from pumaid.diagnosis.discrimination import plan_of_findings
     from pumaid.io.plan_file import write_plan
     from pumaid.reporting.formatting import plural
 

@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from pumaid.dataset import Campaign
+from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.design.candidate_runs import Block, Sweep, free_blocks, home, postures, speeds, sweeps, top_speed
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import Exchange
-from pumaid.effect_spec import EffectTerm, columns_each
-from pumaid.effects import Effect, Trace
-from pumaid.estimation.fit import ABSORBED, Fit, FitRow, elsewhere
-from pumaid.joint_bins import extent, joint_bins
-from pumaid.robot import Robot
+from pumaid.design.prior import Setup, prior_robots
+from pumaid.diagnosis.candidates import Suspect, grid_of
+from pumaid.diagnosis.records import Finding
+from pumaid.diagnosis.score_test import ScoreTest, refine_shape, scores_at
+from pumaid.diagnosis.stepwise import DECISIVE, evidence
+from pumaid.effect_spec import EffectTerm, at_one_joint, columns_each, known_effect
+from pumaid.effects import Scope, Trace
+from pumaid.errors import ModelError, Note, Where
+from pumaid.estimate import Estimate
+from pumaid.estimation.fit import ABSORBED, Fit, FitRow, Projector, elsewhere, loaded
+from pumaid.estimation.gls import fit_with_replicates
+from pumaid.joint_bins import COARSE, extent, joint_bins
+from pumaid.model import Model
+from pumaid.robot import EffectChoice, Robot
+from pumaid.simulation import Bench
+from pumaid.simulation.hidden_effects import LAWS, Hidden
 from pumaid.simulation.monte_carlo import constant_run
-from pumaid.trajectory import Motion, NextRun, cruise, in_words, run_trapezoid
+from pumaid.simulation.virtual_robot import Truth
+from pumaid.trajectory import Motion, NextRun, Plan, Posture, cruise, duration, in_words, run_trapezoid
 from pumaid.units import deviations, factor, number
 
 Floats = NDArray[np.float64]
@@ -44,6 +56,10 @@ CAUTION = 1.15
 SHAPES = 40
 #: Bins of a run; of a wave of a periodic effect, and at most.
 BINS, A_WAVE, MOST_BINS = 40, 4, 512
+#: Sets of runs that a plan holds at most, and sizes of an effect (SI) that it is made for.
+_MOST_SETS, _LEAST, _LARGEST = 12, 1e-12, 1e9
+#: Samples a second and bins a run of a rehearsal.
+_RATE, _BINS = 50.0, 60
 #: Ridge on scaled information.
 _RIDGE = 1e-10
 #: What could tell effects apart where no run within the limits does, by the residual that shows both.
@@ -54,48 +70,179 @@ _WAYS_OUT = {
     Trace.TIME: "a thermometer at the motor might, in a column of the logs, or a rest until the arm is cold",
     Trace.DIRECTION: "another payload or a wider span might",
 }
-
-
-class FittedEffect(NamedTuple):
-    """An effect with its (m,) parameters, and the score statistic of the data for it."""
-
-    term: EffectTerm
-    sizes: Floats
-    statistic: float = 0.0
-
-
-#: An effect that is taken for true, and the shapes with which its rival is fitted; none: the model alone is.
-Pair = tuple[FittedEffect, Sequence[EffectTerm]]
+#: An effect taken for true, its sizes, the data's score statistic for it, and shapes of its rival (or none).
+Pair = tuple[EffectTerm, Floats, float, Sequence[EffectTerm]]
 #: Runs of a joint that are not made yet, as a row of the fit, and (R,) the candidate of each.
 RunsAhead = tuple[FitRow, Counts]
 
 
-def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float, decisive: float) -> NextRun:
-    """The feasible runs after which it is soonest decided which of two effects acts; none where no run decides.
+def plan_for_effect(
+    robot: Robot,
+    wanted: EffectChoice,
+    *,
+    against: EffectChoice | None = None,
+    size: float | None = None,
+    whole: Callable[[], Plan] | None = None,
+    dataset: Dataset | None = None,
+    prior: Estimate | None = None,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """Plan the runs after which an effect is seen, if it is there, or told from a rival.
 
-    `fit` is the model without either of the rivals, which are at their best shapes; `lead` is the first one's evidence
-    less the second's so far. Each is fitted, with any shape and with the whole model, to the data and to what the other
-    predicts of the new runs. The smaller of the two misfits is made as large as possible (T-optimality).
+    Runs are chosen as the deciding run of a diagnosis is. Without a dataset the plan is the experiment `whole`,
+    rehearsed on a virtual robot (of `prior` and `seed`), with the runs on top of it; with one it is the runs alone.
+    `size` is that of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
+
+    Raises
+    ------
+    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint], [effect-not-here]
+        No runs within the limits show it, or tell the two apart; a size out of range; no such effect, or not there.
+    """
+    effect, rival, base, notes = at_one_joint(wanted, robot, "--for"), None, None, list[Note]()
+    if against is not None:
+        arm_wide = known_effect(against.effect, Where(field=f"--against {against.effect}")).scope is Scope.ARM
+        joint = against.joint if against.joint is not None or arm_wide else effect.joint
+        rival = at_one_joint(replace(against, joint=joint), robot, "--against")
+    truth = prior_robots(robot, estimate=prior, setup=Setup(), seed=seed).robots[0]
+    hidden = usual(truth, effect, size)
+    if dataset is None:
+        if whole is None:
+            raise ValueError("without logs there must be an experiment to rehearse")
+        base = whole()
+        tell("rehearsing the experiment on a virtual robot")
+        dataset = rehearsed(truth if rival is None or hidden is None else truth.hiding([hidden]), base, seed=seed)
+    solved = solved_on(robot, [run for run in dataset.runs if not run.heldout])
+    tell("choosing runs")
+    name = _named(effect)
+    if rival is None:
+        title, runs = f"shows {name}", showing(solved, effect, {} if hidden is None else hidden.values)
+    else:
+        title = f"tells {name} from {_named(rival)}"
+        first, second = (_best_trial(solved, choice) for choice in (effect, rival))
+        runs, lead = deciding(solved, first, second), evidence(solved, first) - evidence(solved, second)
+        if lead > DECISIVE:
+            text = (
+                f"the runs before these tell {name} of this size from {_named(rival)} already (evidence"
+                f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more"
+            )
+            notes.append(Note("plan-decided", text))
+    if runs is None or not runs.motions:
+        of = "" if size is None or rival is not None else f" of the size {number(size, 3)}"
+        of += " of the size that these logs have of them" if rival is not None and base is None else ""
+        raise _undecided(f"no run within the limits {title}{of}", is_of_logs=rival is not None and base is None)
+    return _plan(base or Plan(robot.name, ()), runs, robot, title=title, notes=notes)
+
+
+def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
+    """The fitted runs of a plan as a virtual robot would make them."""
+    fitted = replace(plan, motions=tuple(motion for motion in plan.motions if motion.purpose == "fit"))
+    return Dataset(Bench(truth, fitted, rate=_RATE, bins=_BINS).runs(np.random.default_rng([seed, 5])))
+
+
+def solved_on(robot: Robot, runs: Sequence[Run]) -> Fit:
+    """The base model fitted to runs, as diagnosis starts from it."""
+    return loaded(fit_with_replicates(Model.of_runs(robot, runs), joint_bins(robot, runs, most=COARSE)))
+
+
+def usual(truth: Truth, wanted: EffectChoice, size: float | None = None) -> Hidden | None:
+    """An effect as it shows at a robot without ruling it, its first parameter of `size` where that is given.
+
+    None where the simulator has no such effect and no size is given.
+    """
+    typical = None
+    if wanted.effect in LAWS:
+        with suppress(ModelError):
+            typical = truth.hiding([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))]).hidden[0]
+    if size is None:
+        return typical
+    if not _LEAST <= abs(size) <= _LARGEST:
+        what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
+        raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
+    effect, joint = known_effect(wanted.effect, Where()), wanted.joint or 0
+    first = effect.parameters(truth.robot, joint)[0].name
+    shapes = {shape.name for shape in effect.shapes(truth.robot, joint)}
+    values = {} if typical is None else typical.values
+    share = size / values[first] if values.get(first) else 1.0
+    scaled = {name: value if name in shapes else share * value for name, value in values.items()}
+    return Hidden(wanted.effect, wanted.joint, {**scaled, first: size})
+
+
+def _best_trial(solved: Fit, choice: EffectChoice) -> ScoreTest:
+    """The effect at its best shape on the runs so far."""
+    effect, projector = known_effect(choice.effect, Where()), Projector(solved)
+    shaped = [EffectTerm(effect, choice.joint, dict(choice.shape))]
+    terms = shaped if choice.shape else grid_of(solved, effect, choice.joint) or shaped
+    trials = [trial for trial in scores_at(projector, terms[:: max(1, len(terms) // SHAPES)]) if trial is not None]
+    if not trials:
+        raise _undecided(f"{_named(choice)} leaves no trace in these runs that the model does not absorb")
+    return refine_shape(projector, max(trials, key=lambda trial: trial.statistic))
+
+
+def _undecided(what: str, *, is_of_logs: bool = False) -> ModelError:
+    mend = "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
+    return ModelError(
+        "plan-undecided", what, mend="plan without --logs for the size that you look for" if is_of_logs else mend
+    )
+
+
+def _named(choice: EffectChoice) -> str:
+    return choice.effect if choice.joint is None else f"{choice.effect}@{choice.joint}"
+
+
+def _plan(base: Plan, added: NextRun, robot: Robot, *, title: str, notes: Sequence[Note]) -> Plan:
+    """The runs as often as it takes, on top of the experiment that was rehearsed."""
+    sets = min(added.repeats or 1, _MOST_SETS)
+    longer = replace(base, motions=(*base.motions, *(added.motions * sets)), efficiency=None)
+    holds = dict.fromkeys((motion.joint, motion.hold) for motion in added.motions)
+    times = f"made {sets} times" if sets > 1 else "made once"
+    sentence = f"A set of {len(added.motions)} runs, {times}, {title}: {added.text}."
+    return replace(
+        longer,
+        postures=(*base.postures, *(Posture(joint, hold, (), f"{title}: {added.text}") for joint, hold in holds)),
+        duration=duration(robot, longer),
+        assumptions=(*base.assumptions, sentence),
+        notes=(*base.notes, *notes),
+    )
+
+
+def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
+    """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where none has."""
+    decided = [(finding, finding.next_run) for finding in findings if finding.next_run and finding.next_run.motions]
+    motions = tuple(motion for _, run in decided for motion in run.motions * (run.repeats or 1))
+    reasons = [f"tells {finding.effect} from {', '.join(finding.rivals)}: {run.text}" for finding, run in decided]
+    plan = Plan(robot.name, motions, assumptions=tuple(reasons))
+    return replace(plan, duration=duration(robot, plan))
+
+
+def deciding(fit: Fit, first: ScoreTest, second: ScoreTest) -> NextRun:
+    """The feasible runs after which it is soonest decided which of two effects acts; without motions where none does.
+
+    Both were tested on `fit`, the model without either, and are at their best shapes. Each is fitted, with any shape
+    and with the whole model, to the data and to what the other predicts of the new runs. The smaller of the two misfits
+    is made as large as possible (T-optimality).
 
     Source
     ------
     A. C. Atkinson and V. V. Fedorov, The design of experiments for discriminating between two rival models, Biometrika
     62 (1975) 57-70, with the data so far in both fits.
     """
-    terms = [effect.term for effect in rivals]
-    first, second = ([term, *_grid(fit, term)] for term in terms)
-
-    def chance(gains: Floats) -> Floats:
-        return _chance(gains, lead, decisive)
-
-    pairs = [(rivals[0], second), (rivals[1], first)]
-    best = _best_set(fit, pairs, enough=lambda gains: bool(chance(gains)[0] >= PROMISED))
+    terms, lead = [first.added, second.added], evidence(fit, first) - evidence(fit, second)
+    for effect in (term.effect for term in terms):
+        if isinstance(effect, Suspect):
+            return NextRun(f"change {effect.column} on purpose while all else is repeated: no plan of motions can")
+    shapes = [[term, *_grid(fit, term)] for term in terms]
+    pairs = [
+        (test.added, test.sizes, test.statistic, rival)
+        for test, rival in zip((first, second), reversed(shapes), strict=True)
+    ]
+    best = _best_set(fit, pairs, enough=lambda gains: bool(_chance(gains, lead)[0] >= PROMISED))
     chosen, rival = _names(terms)
     if best is None or best.gains.max() < LEAST**2:
         shared = [trace for trace in _WAYS_OUT if all(trace in term.effect.trace for term in terms)]
         way_out = _WAYS_OUT[shared[0] if shared else Trace.DIRECTION]
         return NextRun(f"no run within the limits tells {chosen} and {rival} apart; {way_out}")
-    chances = chance(best.gains * np.arange(1, MOST_REPEATS + 1))
+    chances = _chance(best.gains * np.arange(1, MOST_REPEATS + 1), lead)
     sure = np.flatnonzero(chances >= PROMISED)
     apart = np.sqrt(best.gains[:, 0])
     text = (
@@ -108,25 +255,27 @@ def deciding(fit: Fit, rivals: tuple[FittedEffect, FittedEffect], *, lead: float
     return NextRun(text, best.motions, float(apart.min()), int(sure[0]) + 1 if len(sure) else None)
 
 
-def showing(
-    fit: Fit, effect: Effect, joint: int | None, *, size: float | None = None, shape: Mapping[str, float] | None = None
-) -> NextRun | None:
+def showing(fit: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun | None:
     """The feasible runs that best show an effect which the data, fitted without it, cannot show; None where none does.
 
-    `joint` is from 1, None for the whole arm; `size` that of its first parameter, others in the proportion of the
-    effect's examples. A shape that is not given is one from the middle of the effect's grid.
+    `values` are shapes, and of its parameters the first, the others being in the proportion of the effect's examples. A
+    shape that is given nowhere is one from the middle of the effect's grid.
     """
-    robot = fit.model.robot
-    examples = np.array([parameter.example for parameter in effect.parameters(robot, joint or 0)])
-    if not examples.size or effect.applies(robot, joint or 0) is not None:
+    robot, effect, joint = fit.model.robot, known_effect(wanted.effect, Where()), wanted.joint or 0
+    parameters, shapes = effect.parameters(robot, joint), effect.shapes(robot, joint)
+    if not parameters or effect.applies(robot, joint) is not None:
         return None
-    sizes = examples if size is None or examples[0] == 0.0 else examples * size / examples[0]
-    usual = EffectTerm(effect, joint, {item.name: item.example for item in effect.shapes(robot, joint or 0)})
-    grid = _grid(fit, usual, most=None) or [usual]
-    term = replace(usual, shape={**grid[len(grid) // 2].shape, **(shape or {})})
+    sizes = np.array([parameter.example for parameter in parameters])
+    size = values.get(parameters[0].name)
+    if size is not None and sizes[0] != 0.0:
+        sizes = sizes * size / sizes[0]
+    usual_term = EffectTerm(effect, wanted.joint, {item.name: item.example for item in shapes})
+    grid, names = _grid(fit, usual_term, most=None) or [usual_term], [item.name for item in shapes]
+    given = {name: value for name, value in {**values, **wanted.shape}.items() if name in names}
+    term = replace(usual_term, shape={**grid[len(grid) // 2].shape, **given})
     if "time" in term.shape:  # an instant that has passed
         return None
-    pairs = [(FittedEffect(term, part), ()) for part in np.diag(sizes)]
+    pairs = [(term, part, 0.0, ()) for part in np.diag(sizes)]
     best = _best_set(fit, pairs, enough=lambda gains: bool(gains.min() >= FOUND**2))
     gain = 0.0 if best is None else float(best.gains.min())
     if best is None or MOST_REPEATS * gain < FOUND**2:
@@ -146,14 +295,14 @@ def _grid(fit: Fit, term: EffectTerm, *, most: int | None = SHAPES) -> list[Effe
     return [replace(term, shape={**term.shape, **grid[k]}) for k in thinned]
 
 
-def _chance(gains: Floats, lead: float, decisive: float) -> Floats:
+def _chance(gains: Floats, lead: float) -> Floats:
     """(M,) chance that one of two effects is decisively ahead after gains (2, M), where `lead` is the first's so far.
 
     A lead changes by a normal variate of mean g and variance 4 g; which effect is true is weighed by the lead so far.
     """
     believed = float(np.clip(lead, -BELIEVED, BELIEVED))
     leads, first = np.array([[believed], [-believed]]), special.expit(0.5 * believed)
-    sure = special.ndtr((leads + gains - decisive) / (2.0 * np.sqrt(gains) + 1e-6))
+    sure = special.ndtr((leads + gains - DECISIVE) / (2.0 * np.sqrt(gains) + 1e-6))
     return np.asarray(np.array([first, 1.0 - first]) @ sure)
 
 
@@ -161,10 +310,10 @@ class Separation:
     """How far a rival stays from what an effect predicts, fitted to the data and to `count` candidates' runs."""
 
     def __init__(self, fit: Fit, runs: Sequence[RunsAhead], count: int, *, pair: Pair) -> None:
-        truth, rival = pair
-        self.scale = (fit.square - truth.statistic) / max(fit.size - fit.rank, 1)
+        truth, sizes, statistic, rival = pair
+        self.scale = (fit.square - statistic) / max(fit.size - fit.rank, 1)
         self.width, self.shapes = len(fit.inverse), len(rival)
-        cross = sum(row.jacobian.T @ _columns(fit, row, [truth.term]) for row in fit.joints)
+        cross = sum(row.jacobian.T @ _columns(fit, row, [truth]) for row in fit.joints)
         turned = fit.inverse @ cross
         # Products of the columns [Jacobian, what is to be explained, rival's columns] of the data and each candidate.
         tables = [np.column_stack([r.jacobian, r.residual, _columns(fit, r, rival)]) for r in fit.joints]
@@ -172,9 +321,9 @@ class Separation:
         self.data[self.width, self.width] = 0.0
         self.grams = np.zeros((count, *self.data.shape))
         for row, owner in runs:
-            beyond = _columns(fit, row, [truth.term], is_ahead=True) - row.jacobian @ turned
+            beyond = _columns(fit, row, [truth], is_ahead=True) - row.jacobian @ turned
             rivals = _columns(fit, row, rival, is_ahead=True)
-            table = np.column_stack([row.jacobian, beyond @ truth.sizes, rivals])
+            table = np.column_stack([row.jacobian, beyond @ sizes, rivals])
             for candidate in np.unique(owner):
                 part = table[owner[row.bins.run] == candidate]
                 self.grams[candidate] = part.T @ part
@@ -261,7 +410,7 @@ class _WorstSeparation:
 
 def _best_set(fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], bool]) -> Chosen | None:
     """The best set of candidates in which the true effects act, made at the begin of a new recording; or None."""
-    terms, robot = [truth.term for truth, _ in pairs], fit.model.robot
+    terms, robot = [truth for truth, *_ in pairs], fit.model.robot
     moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
     tables = [candidates(fit, joint) for joint in moved]
     tried = [candidate for table, _ in tables for candidate in table]
