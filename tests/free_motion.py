@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import Log
+from pumaid.robot import Robot
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.virtual_robot import Truth
 
@@ -16,21 +17,27 @@ RATE, TICKS = 250.0, 4
 FASTEST, HARDEST = 1.5, 6.0
 
 
-def waves(rng: np.random.Generator, seconds: float, reach: np.ndarray) -> np.ndarray:
-    """(N, J) positions: five harmonics of a tenth of a hertz, within `reach` (J,) and the highest speed."""
+def reach(robot: Robot) -> np.ndarray:
+    """(J,) nine tenths of half of each joint's range, 2 rad to either side at most."""
+    limits = np.array([joint.limits or (-2.0, 2.0) for joint in robot.joints])
+    return 0.45 * np.ptp(np.clip(limits, -2.0, 2.0), axis=1)
+
+
+def waves(rng: np.random.Generator, seconds: float, farthest: np.ndarray) -> np.ndarray:
+    """(N, J) positions: five harmonics of a tenth of a hertz, within `farthest` (J,) and the highest speed."""
     t = np.arange(0.0, seconds, 1.0 / (RATE * TICKS))[:, None, None]
     w = 2.0 * np.pi * 0.1 * np.arange(1, 6)[:, None]
-    size = rng.normal(size=(5, len(reach))) / np.arange(1, 6)[:, None]
-    phase = rng.uniform(0.0, 2.0 * np.pi, (5, len(reach)))
+    size = rng.normal(size=(5, len(farthest))) / np.arange(1, 6)[:, None]
+    phase = rng.uniform(0.0, 2.0 * np.pi, (5, len(farthest)))
     q, v = (size * np.sin(w * t + phase)).sum(axis=1), (size * w * np.cos(w * t + phase)).sum(axis=1)
-    return q * np.minimum(reach / np.abs(q).max(axis=0), FASTEST / np.abs(v).max(axis=0))
+    return q * np.minimum(farthest / np.abs(q).max(axis=0), FASTEST / np.abs(v).max(axis=0))
 
 
-def picks(rng: np.random.Generator, seconds: float, reach: np.ndarray) -> np.ndarray:
+def picks(rng: np.random.Generator, seconds: float, farthest: np.ndarray) -> np.ndarray:
     """(N, J) positions: smooth moves of all joints from place to place, with pauses of some tenths of a second."""
-    step, parts, at, count = 1.0 / (RATE * TICKS), [], rng.uniform(-reach, reach), 0
+    step, parts, at, count = 1.0 / (RATE * TICKS), [], rng.uniform(-farthest, farthest), 0
     while count < seconds / step:
-        to = rng.uniform(-reach, reach)
+        to = rng.uniform(-farthest, farthest)
         lasts = max((2.0 * np.abs(to - at) / FASTEST).max(), np.sqrt(8.0 * np.abs(to - at) / HARDEST).max(), 0.5)
         s = np.linspace(0.0, 1.0, int(lasts / step))[1:, None]
         pause = np.tile(to, (int(rng.uniform(0.1, 0.4) / step), 1))

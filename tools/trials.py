@@ -1,6 +1,7 @@
 """Repeat experiments on virtual arms and print the tables that the documents state.
 
     python tools/trials.py accuracy [-o FIGURE.png]     docs/validation.md; five minutes
+    python tools/trials.py motion [--experiments 40]    docs/validation.md; ten minutes
     python tools/trials.py planning [--experiments 40]  docs/planning.md
     python tools/trials.py statistics                   docs/statistics.md; ten minutes
 
@@ -26,6 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from blind_world.tables import header, interval, row
 from experiments import coverage, logged, losses
+from free_motion import loaded, picks, reach, recorded, true_values, waves
 
 from pumaid import identify, segment, simulate
 from pumaid.dataset import Campaign
@@ -51,6 +53,16 @@ DESIGNS: dict[str, tuple[int, Sequence[float], Sequence[int], int]] = {
     "2 postures, 2 speeds, both ways, twice": (2, (0.3, 0.9), (1, -1), 2),
 }
 FULL = next(iter(DESIGNS))
+#: Arms at work: recipe, way of moving, tool (kg), encoder counts a rad; and the first of their seeds.
+WORK = (
+    ("puma560", "waves", 1.5, 2e4),
+    ("puma560", "waves", 1.5, 2.5e3),
+    ("puma560", "picks", 1.5, 2e4),
+    ("puma560", "picks", 1.5, 2.5e3),
+    ("ur5e", "picks", 0.0, 2e4),
+    ("stanford", "waves", 0.0, 2e4),
+)
+FIRST_WORK = 5000
 
 
 def drawn(name: str, seed: int) -> Truth:
@@ -114,6 +126,32 @@ def accuracy(options: argparse.Namespace) -> Iterator[str]:
             values = [value for value in logged(Path(folder), seed).values if value.ci95 is not None]
         contained += [value.ci95[0] <= exact[value.name] <= value.ci95[1] for value in values if value.ci95]
     yield f"\nIntervals that hold the value of Table I, through log files: {interval(contained)}"
+
+
+def motion(options: argparse.Namespace) -> Iterator[str]:
+    """Coverage of friction's and ratios' intervals from logs of arms at work, in closed loop (MuJoCo)."""
+    yield header(
+        "arm and motion", "encoder (rad)", "friction", "lowest of a single parameter", "ratios", "ratios not told"
+    )
+    for name, way, tool, counts in WORK:
+        holds: dict[str, list[bool]] = {}
+        robot, untold = read_recipe(shipped_recipes()[name]), 0
+        for seed in range(FIRST_WORK, FIRST_WORK + options.experiments):
+            truth, rng = loaded(draw(robot, seed), tool) if tool else draw(robot, seed), np.random.default_rng(seed)
+            wanted = (waves if way == "waves" else picks)(rng, 60.0 if way == "waves" else 120.0, reach(robot))
+            estimate = identify(segment([recorded(truth, wanted, rng, counts=counts)], robot), robot)
+            exact = true_values(truth)
+            for value in estimate.values:
+                if value.name in exact and value.ci95 is not None:
+                    holds.setdefault(value.name, []).append(value.ci95[0] <= exact[value.name] <= value.ci95[1])
+                untold += value.name.startswith("gain_ratio") and value.ci95 is None
+        ratios = [held for key, outcomes in holds.items() if key.startswith("gain_ratio") for held in outcomes]
+        friction = {key: outcomes for key, outcomes in holds.items() if not key.startswith("gain_ratio")}
+        lowest = min(friction, key=lambda key: np.mean(friction[key]))
+        title = f"{robot.name}{f', {tool:g} kg tool' if tool else ''}, {way}"
+        outcomes = [held for values in friction.values() for held in values]
+        share = f"{100 * np.mean(friction[lowest]):.0f} % ({lowest})"
+        yield row(title, f"{1.0 / counts:.0e}", interval(outcomes), share, interval(ratios), untold)
 
 
 def coverage_figure(clustered: dict[str, float], white: dict[str, float], path: Path) -> None:
@@ -317,7 +355,7 @@ def hits() -> Iterator[str]:
         yield row(f"{name}@{joint}", f"{limit:.4g} {announced[0][name, joint].unit}", *cells)
 
 
-TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, planning, statistics)}
+TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, motion, planning, statistics)}
 
 
 def main() -> None:
@@ -325,7 +363,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trial", choices=TRIALS_BY_NAME)
     parser.add_argument("-o", "--output", type=Path, help="where the figure of accuracy goes")
-    parser.add_argument("--experiments", type=int, default=40, help="of planning")
+    parser.add_argument("--experiments", type=int, default=40, help="of planning, and of each arm at work")
     parser.add_argument("--jobs", type=int, default=1, help="processes of planning")
     options = parser.parse_args()
     for line in TRIALS_BY_NAME[options.trial](options):

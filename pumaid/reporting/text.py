@@ -114,7 +114,7 @@ METHOD_LIMITS = (
     " needed.",
     "Lengths a and d of a chain of revolute joints are absorbed in the parameters: a wrong length in the recipe is not"
     " detected here and does not change the predicted current.",
-    "At constant speed there is no inertia in the current; only strokes from rest to rest contain it.",
+    "At constant speed there is no inertia in the current; only strokes and blocks of any motion contain it.",
     "Confidence intervals treat a run as one observation, because its samples share their error. With fewer than about"
     " ten runs a joint they are wide.",
     "Predictions are reliable within the postures, speeds and directions of the fitted runs.",

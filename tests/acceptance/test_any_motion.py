@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from free_motion import picks, recorded, true_values, waves
+from free_motion import picks, reach, recorded, true_values, waves
 
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
@@ -119,9 +119,3 @@ def test_unseen_work_is_predicted_to_the_noise():
     comparison = compare(estimate, unseen, robot)
     for score, fit in zip(comparison.joints, estimate.joints, strict=True):
         assert score.rmse < 1.5 * fit.rmse and not score.undetermined
-
-
-def reach(robot) -> np.ndarray:
-    """(J,) nine tenths of half of each joint's range, 2 rad to either side at most."""
-    limits = np.array([joint.limits or (-2.0, 2.0) for joint in robot.joints])
-    return 0.45 * np.ptp(np.clip(limits, -2.0, 2.0), axis=1)
