@@ -51,7 +51,7 @@ LONE = 1.0
 
 #: s; least motion of several joints, and of a single one, that is taken as blocks: shorter moves only lead from one run
 #: to the next, or were cut. The longest pause that does not part motion in two.
-LEAST_MOTION, LEAST_ALONE, PAUSE = 4.0, 12.0, 2.0
+LEAST_MOTION, LEAST_ALONE, PAUSE = 8.0, 12.0, 2.0
 
 #: s; longest straight line by which the speed of a slow or noisy movement is judged.
 LONGEST_LINE = 1.0

@@ -153,7 +153,8 @@ def test_runs_that_decide_become_a_plan(tmp_path):
     again = read_plan(tmp_path / "next.yaml", diagnoses.PUMA)
     assert [round(motion.start, 6) for motion in again.motions] == [-1.2, 1.2, -1.2, 1.2]
     assert again.motions[0].velocity == pytest.approx(0.05) and again.duration > 4 * 2.4 / 0.05
-    assert "tells stribeck from viscous_power" in again.assumptions[0]
+    assert "tells stribeck from viscous_power" in plan.assumptions[0]
+    assert plan.assumptions[0] in (tmp_path / "next.yaml").read_text(encoding="utf-8")
 
 
 def test_commands_repeat_what_the_model_has(arm):

@@ -23,8 +23,9 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--kinds",
     type=click.Choice(["both", "constant", "stroke", "block"]),
+    metavar="KIND",
     default="both",
-    help="At constant speed, rest to rest, any motion, or all.",
+    help="both, constant (speed), stroke (rest to rest) or block (any motion).",
 )
 @click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
 @click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")
