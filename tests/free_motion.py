@@ -68,9 +68,12 @@ def recorded(truth: Truth, wanted: np.ndarray, rng: np.random.Generator, *, coun
         asked = pull[k] + 60.0 * (speed[k] - arm.velocity) + 900.0 * (goal - arm.position) + 2000.0 * missed
         drawn[k] = truth.gain * (inertia @ asked) + arm.load
         arm.advance(drawn[k])
-    # The current of a step acts after its position is read: about that instant are half of the steps before it.
-    around = np.pad(drawn, ((TICKS // 2, TICKS), (0, 0)), mode="edge")
-    current = np.lib.stride_tricks.sliding_window_view(around, TICKS, axis=0).mean(axis=2)[: len(drawn) : TICKS]
+    # The engine's second difference at a step is what that step's current causes: a sensor's mean is about it.
+    half = TICKS // 2
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(drawn, ((half, half), (0, 0)), mode="edge"), TICKS + 1, axis=0
+    )
+    current = (around @ (np.pad(np.ones(TICKS - 1), 1, constant_values=0.5) / TICKS))[::TICKS]
     noise = truth.noise.series(rng, current.shape, rate=RATE, start=rng.normal(size=n))
     time = np.arange(len(current)) / RATE
     read = np.rint(position[::TICKS] * counts) / counts

@@ -42,6 +42,11 @@ def motion(n_rows: int = 200, n_joints: int = 2, *, seed: int = 1) -> Log:
     return Log("made", np.arange(n_rows) + 2, time, np.round(np.sin(phase), 6), np.round(np.cos(phase), 6), current)
 
 
+def quoted(lines: str) -> str:
+    """Cells in quotes, with commas between them."""
+    return "".join(",".join(f'"{cell}"' for cell in line.split(";")) + "\n" for line in lines.splitlines())
+
+
 def text(log: Log, *, delimiter: str = ",", decimal: str = ".") -> str:
     """The log as CSV text by plain Python, independent of the writer under test."""
     n = log.position.shape[1]
@@ -78,6 +83,8 @@ def refusal(path: Path, content: str | bytes, robot: Robot | None = None) -> Log
 DIALECTS = {
     "plain": lambda log: text(log).encode(),
     "semicolons": lambda log: text(log, delimiter=";").encode(),
+    "quoted decimal commas": lambda log: quoted(text(log, delimiter=";", decimal=",")).encode(),
+    "two byte order marks": lambda log: ("\ufeff\ufeff" + text(log)).encode(),
     "decimal commas": lambda log: text(log, delimiter=";", decimal=",").encode(),
     "tabs": lambda log: text(log, delimiter="\t").encode(),
     "tabs and decimal commas": lambda log: text(log, delimiter="\t", decimal=",").encode(),

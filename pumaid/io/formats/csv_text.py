@@ -255,22 +255,23 @@ def _dialect(text: str, name: str) -> Dialect:
         mend = "put a header line on top: t,q1,...,i1,..."
         raise LogError("no-header", what, Where(file=name, line=first + 1), mend)
     place = above[-1] if body else above[0]
-    delimiter = _delimiter([lines[place].lstrip("#% "), *body])
+    delimiter = _delimiter([lines[place].lstrip("\ufeff#% "), *body])
     if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
-        sizes = [len(cells(lines[number].lstrip("#% "), delimiter)) for number in above[-2:]]
+        sizes = [len(cells(lines[number].lstrip("\ufeff#% "), delimiter)) for number in above[-2:]]
         place = above[-2] if sizes[0] == sizes[1] > 1 else place
-    header = cells(lines[place].lstrip("#% "), delimiter)
+    header = cells(lines[place].lstrip("\ufeff#% "), delimiter)
     rows = tuple(cells(line, delimiter) for line in body)
     if rows and all(len(row) == len(header) + 1 for row in rows):
         header = (*header, "")  # a delimiter at the end of each row, but not of the header
-    is_comma = delimiter != "," and any(_COMMA_NUMBER.fullmatch(cell) for row in rows for cell in row)
     n_quotes = [line.count('"') for line in body]
     has_quotes = any(n_quotes) and all(count % 2 == 0 for count in n_quotes)
+    is_comma = delimiter != "," or has_quotes  # a cell with a comma in it may be a number
+    is_comma = is_comma and any(_COMMA_NUMBER.fullmatch(cell) for row in rows for cell in row)
     return Dialect(delimiter, "," if is_comma else ".", header, place + 1, rows, has_quotes)
 
 
 def _is_numeric(line: str) -> bool:
-    words = re.split(r"[;,\t| ]+", line.strip())
+    words = re.split(r"[;,\t| \"]+", line.strip(' "\r\n'))
     return sum(bool(_NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
 
 
