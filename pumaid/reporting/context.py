@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import Dataset
+from pumaid.dataset import BLOCK, Dataset
 from pumaid.diagnosis.records import Diagnosis
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import Comparison, RunScore
@@ -55,11 +55,14 @@ class ReportContext:
         return self.units if self.robot.joint(joint).is_revolute else "m"
 
     def postures(self, joint: int) -> list[list[RunScore]]:
-        """Runs of a joint grouped by the positions of the other joints; the largest group first."""
+        """Runs of a joint by the positions of the other joints, the largest group first; blocks are one group."""
         groups: list[list[RunScore]] = []
         for score in self.comparison.of_joint(joint):
+            posture = np.nan_to_num(score.run.posture)
             for group in groups:
-                if np.all(np.abs(np.nan_to_num(group[0].run.posture - score.run.posture)) < SAME_POSTURE):
+                first = group[0].run
+                near = np.all(np.abs(np.nan_to_num(first.posture) - posture) < SAME_POSTURE)
+                if (score.run.kind == BLOCK) == (first.kind == BLOCK) and (near or first.kind == BLOCK):
                     group.append(score)
                     break
             else:

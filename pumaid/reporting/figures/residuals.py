@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
+from pumaid.dataset import BLOCK
 from pumaid.diagnosis.records import Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
 from pumaid.estimation.evaluate import TOGETHER, JointScore, RunScore
 from pumaid.reporting.context import ReportContext
@@ -84,15 +85,19 @@ def current_figures(context: ReportContext) -> list[Drawing]:
     for joint in context.moving():
         count = len(context.postures(joint))
         note = f" The {MOST_POSTURES} of {count} postures with most runs." if count > MOST_POSTURES else ""
-        title = f"{context.title(joint)}: current against position"
+        variable = "time" if _is_free(context, joint) else "position"
+        title = f"{context.title(joint)}: current against {variable}"
         caption = f"Dots: measured. Lines: predicted, one a run.{note}"
         drawings.append(Drawing(f"current_j{joint}", title, caption, partial(_currents, context, joint)))
     return drawings
 
 
 def _currents(context: ReportContext, joint: int) -> Figure:
-    """One panel a posture."""
+    """One panel a posture; of a joint with blocks of any motion only, one a block, against time."""
+    is_free = _is_free(context, joint)
     groups = context.postures(joint)[:MOST_POSTURES]
+    if is_free:
+        groups = [[score] for score in groups[0][:MOST_POSTURES]]
     figure, all_axes = panels(len(groups), height=2.35 if len(groups) == 1 else 1.85, sharex=True, sharey=True)
     unit = " | ".join(dict.fromkeys(context.position_unit(other.number) for other in context.robot.joints))
     for axes, group in zip(all_axes, groups, strict=True):
@@ -100,17 +105,35 @@ def _currents(context: ReportContext, joint: int) -> Figure:
         axes.grid(axis="y")
         axes.set_ylabel("current (A)")
         posture = posture_text(context.robot, group[0].run.posture.tolist(), context.units)
-        axes.text(0.0, 1.02, f"other joints at {posture} {unit}", transform=axes.transAxes, fontsize=8.5)
-    all_axes[-1].set_xlabel(f"position of joint {joint} ({context.position_unit(joint)})")
+        words = f"block from {group[0].run.start:.1f} s" if is_free else f"other joints at {posture} {unit}"
+        axes.text(0.0, 1.02, words, transform=axes.transAxes, fontsize=8.5)
+    place = f"position of joint {joint} ({context.position_unit(joint)})"
+    all_axes[-1].set_xlabel("time (s)" if is_free else place)
     all_axes[0].set_title(shortened(context.title(joint), 40), pad=18)
     predicted = Line2D([], [], color=INK, linewidth=1.1, label="predicted")
-    legend(figure, [*direction_handles(score.run.direction for group in groups for score in group), predicted])
+    ways = [1, -1] if is_free else [score.run.direction for group in groups for score in group]
+    legend(figure, [*direction_handles(ways), predicted])
     return figure
 
 
+def _is_free(context: ReportContext, joint: int) -> bool:
+    """Whether a joint has blocks of any motion only."""
+    return all(score.run.kind == BLOCK for score in context.comparison.of_joint(joint))
+
+
 def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> None:
-    """Measured (dots) and predicted (lines) current of runs in one posture."""
+    """Measured (dots) and predicted (lines) current of runs in one posture, or of a block."""
     joint = group[0].run.joint
+    if group[0].run.kind == BLOCK:
+        bins = group[0].run.bins
+        for sign in (1, -1):
+            rows = np.sign(bins.velocity) == sign
+            dots(axes, bins.time[rows] - group[0].run.start, bins.current[rows], colour=COLOURS[sign], size=2.6)
+        steps = np.diff(bins.time)
+        for rows in np.split(np.arange(len(bins)), np.flatnonzero(steps > 1.5 * np.median(steps)) + 1):
+            since = bins.time[rows] - group[0].run.start
+            axes.plot(since, group[0].predicted[rows], color=INK, linewidth=0.7, zorder=1.5)
+        return
     for sign in (1, -1):
         scores = [score for score in group if score.run.direction == sign]
         positions = [context.shown(joint, score.run.bins.position[:, joint - 1]) for score in scores]
@@ -157,12 +180,13 @@ def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
     for posture, group in enumerate(context.postures(joint), start=1):
         for score in group:
             run, bins = score.run, score.run.bins
+            speed = np.abs(bins.velocity) if run.kind == BLOCK else np.full(len(bins.time), abs(run.speed))
             columns = {
-                "direction": run.direction,
+                "direction": np.sign(bins.velocity) if run.kind == BLOCK else run.direction,
                 "run": len(parts),
                 "residual": score.residual,
                 f"position ({unit})": context.shown(joint, bins.position[:, joint - 1]),
-                f"speed ({unit}/s)": context.shown(joint, np.full(len(bins.time), abs(run.speed))),
+                f"speed ({unit}/s)": context.shown(joint, speed),
                 "gravity current (A)": _load(score),
                 "time (min)": (bins.time + shifts[run.clock]) / 60.0,
                 "posture (number)": float(posture),

@@ -87,7 +87,8 @@ def draw_runs(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Figure:
             axes.autoscale_view(scalex=False)
     panels[-1].set_xlabel("time (s)")
     legend(figure, _run_handles(dataset, robot), 6)
-    used, read = sum(run.samples for run in dataset.runs), max(1, samples_read(dataset))
+    read = max(1, samples_read(dataset))
+    used = read - sum(reject.samples for reject in dataset.rejects)
     heading(figure, f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used")
     return figure
 
