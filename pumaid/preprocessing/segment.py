@@ -49,9 +49,9 @@ SLIP, SLIP_SHARE = 0.25, 0.25
 #: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
 LONE = 1.0
 
-#: s; least motion of several joints, and of a single one, that is taken as blocks: shorter moves only lead from one run
-#: to the next, or were cut. The longest pause that does not part motion in two.
-LEAST_MOTION, LEAST_ALONE, PAUSE = 8.0, 12.0, 2.0
+#: s; least motion that is taken as blocks, and least where a tenth of all is runs, between which shorter moves lead. The
+#: longest pause that does not part motion in two.
+LEAST_MOTION, LEAST_BESIDE, TENTH, PAUSE = 4.0, 12.0, 0.1, 2.0
 
 #: s; longest straight line by which the speed of a slow or noisy movement is judged.
 LONGEST_LINE = 1.0
@@ -327,6 +327,9 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
         return pieces
     out: list[Piece] = []
     waiting: list[Piece] = []
+    moving = [piece for piece in pieces if piece.joints]
+    steady = sum(_seconds(time, piece) for piece in moving if piece.is_run)
+    least = LEAST_BESIDE if steady > TENTH * sum(_seconds(time, piece) for piece in moving) else LEAST_MOTION
 
     def flush() -> None:
         while waiting and not waiting[0].joints:
@@ -334,9 +337,7 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
         behind: list[Piece] = []
         while waiting and not waiting[-1].joints:
             behind.insert(0, waiting.pop())
-        alone = sum(_seconds(time, piece) for piece in waiting if len(piece.joints) == 1)
-        together = sum(_seconds(time, piece) for piece in waiting if len(piece.joints) > 1)
-        if together >= LEAST_MOTION or alone + together >= LEAST_ALONE:
+        if sum(_seconds(time, piece) for piece in waiting if piece.joints) >= least:
             joints = sorted({joint for piece in waiting for joint in piece.joints})
             out.append(Piece(waiting[0].start, waiting[-1].stop, BLOCK, tuple(joints)))
         else:

@@ -14,6 +14,7 @@ from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 from pumaid.dataset import Log
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import draw, simulate
@@ -124,9 +125,9 @@ def test_kinova_trapezoids_are_one_run_each(joint):
 
 @pytest.mark.realdata
 def test_motion_of_both_joints_is_left_out():
-    """The double pendulum swings both joints at once: no run, and the reason is told."""
+    """The double pendulum swings both joints at once: no run at constant speed, and the reason is told."""
     name = "dfki-double-pendulum-a0/slow_75s_20220812-061157.parquet"
     log, arm, _ = recorded(name, 2, position="pos{j}", current="tau{j}", time="time")
-    dataset = segment([log], arm)
+    dataset = segment([log], arm, options=SegmentOptions(kinds="constant"))
     several = sum(reject.samples for reject in dataset.rejects if reject.reason == "several-joints")
     assert dataset.runs == () and several > 0.8 * len(log)

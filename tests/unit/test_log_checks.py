@@ -16,6 +16,7 @@ from pumaid.errors import LogError, Note
 from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
+from pumaid.preprocessing.options import SegmentOptions
 from pumaid.robot import Joint, LogFormat, Robot
 
 REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -281,7 +282,7 @@ def test_real_logs_raise_no_doubt(name: str) -> None:
     joints = tuple(Joint(k, f"j{k}", "revolute") for k in range(1, n + 1))
     robot = Robot(name, joints, log=LogFormat(time, position, velocity, current, units=units))
     paths = sorted((REAL / name).glob("*.parquet")) if (REAL / name).is_dir() else [REAL / name]
-    dataset = ingest(paths, robot)
+    dataset = ingest(paths, robot, options=SegmentOptions(kinds="constant"))
     assert sum(item.samples for item in (*dataset.runs, *dataset.rejects)) == sum(facts.rows for facts in dataset.files)
     # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
     passive = {"current-frozen"} if name.startswith("dfki") else set()
