@@ -49,8 +49,8 @@ SLIP, SLIP_SHARE = 0.25, 0.25
 #: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
 LONE = 1.0
 
-#: s; least motion that is taken as blocks, and least where a tenth of all is runs, between which shorter moves lead. The
-#: longest pause that does not part motion in two.
+#: s; least motion that is taken as blocks, and least where a tenth of all is runs, between which shorter moves lead.
+#: The longest pause that does not part motion in two.
 LEAST_MOTION, LEAST_BESIDE, TENTH, PAUSE = 4.0, 12.0, 0.1, 2.0
 
 #: s; longest straight line by which the speed of a slow or noisy movement is judged.
