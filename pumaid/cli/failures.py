@@ -40,21 +40,12 @@ def reported() -> Iterator[None]:
         click.echo("\nstopped; files that were being written are as they were before", err=True)
         raise Exit(EXIT_INTERRUPTED) from None
     except Exception as error:
-        if _is_interrupted(error):
-            raise Exit(EXIT_INTERRUPTED) from None
         refusal = _refusal(error)
         head, mark, rest = visible(str(refusal)).partition("]: ")
         # click strips the colour where standard error is no terminal
         words = click.style(head + "]", fg="red", bold=True) + ": " + rest if mark else head
         click.echo(_bug(error) if refusal is None else words, err=True)
         raise Exit(EXIT_BUG if refusal is None else EXIT_BAD_INPUT) from None
-
-
-def _is_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C came while a library was being loaded, which then makes an error of its own of it."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _refusal(error: Exception) -> PumaidError | None:

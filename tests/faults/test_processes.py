@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,9 @@ TRIALS = 4
 def started(log: Path) -> subprocess.Popen[str]:
     """`identify` of a log in a process of its own."""
     line = [sys.executable, "-m", "pumaid", "identify", str(log)]
-    return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    # Where the tests themselves are started in the background, Ctrl-C would be ignored.
+    heard = partial(signal.signal, signal.SIGINT, signal.default_int_handler)
+    return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=heard)
 
 
 def ended(run: subprocess.Popen[str]) -> tuple[int, str]:
