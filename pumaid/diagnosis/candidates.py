@@ -294,9 +294,7 @@ def spectrum(
 
     Source
     ------
-    J. D. Scargle, Astrophys. J. 263 (1982) 835-853, for the periodogram as least squares; W. H. Press and
-    G. B. Rybicki, Astrophys. J. 338 (1989) 277-280, for sharing out to a grid, here by straight lines, whose transform
-    is divided out.
+    J. D. Scargle, Astrophys. J. 263 (1982) 835-853; W. H. Press and G. B. Rybicki, Astrophys. J. 338 (1989) 277-280.
     """
     q, lengths = bins.samples.position[:, bins.joint - 1], bins.lengths
     low, high = np.minimum.reduceat(q, bins.first), np.maximum.reduceat(q, bins.first)

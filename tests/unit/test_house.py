@@ -128,13 +128,12 @@ def too_long(path: Path) -> int:
 
 
 def length(function: ast.FunctionDef) -> int:
-    """Lines of a function's body, from what follows its docstring."""
-    body = function.body[1:] if ast.get_docstring(function, clean=False) is not None else function.body
-    return (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+    """Lines of a function, signature and docstring among them."""
+    return (function.end_lineno or 0) - function.lineno + 1
 
 
 def beyond_a_screen(path: Path) -> list[str]:
-    """Functions that do not fit on a screen, docstring apart, or with blocks deeper than three in each other."""
+    """Functions that do not fit on a screen, or with blocks deeper than three in each other."""
     return [f.name for f in functions(path) if length(f) > LONGEST_FUNCTION or depth(f) > DEEPEST]
 
 
@@ -156,9 +155,8 @@ PRONOUNS = re.findall(r"\w+", "one own found known told seen kept left some ever
 
 
 def statements(paths: Iterable[Path]) -> int:
-    """Statements of some files, docstrings apart: what denser lines cannot make fewer."""
-    counted = (node for path in paths for node in ast.walk(tree(path)) if isinstance(node, ast.stmt))
-    return sum(not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)) for node in counted)
+    """Statements of some files, docstrings among them: what denser lines cannot make fewer."""
+    return sum(isinstance(node, ast.stmt) for path in paths for node in ast.walk(tree(path)))
 
 
 def lines(paths: Iterable[Path]) -> int:

@@ -58,8 +58,8 @@ def command(
 ) -> bool:
     """Plan the runs that tell most of an arm in the time that it has.
 
-    With --for: the runs that show one effect or tell it from a rival. With --check: what a plan promises and lacks.
-    RECIPE is a file or the name of a shipped one; else recipe.yaml here.
+    With --for: runs that show one effect or tell it from a rival. With --check: what a plan promises and lacks. RECIPE
+    is a file or the name of a shipped one; else recipe.yaml here.
 
     \b
     Example:
@@ -87,17 +87,16 @@ def command(
     if given is None:
         formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
         path = output or (Experiment(recipe=recipe).folder / PLAN_NAME).with_suffix(plan_suffix(form))
-    is_tilted = path is not None and given is None and tilt is not None
-    tilted = path.with_name(f"{path.stem}-recipe.yaml") if path is not None and is_tilted else None
+    is_new = path is not None and given is None
+    tilted = path.with_name(f"{path.stem}-recipe.yaml") if path and is_new and tilt is not None else None
     read = experiment.files(asked["prior"], given)
     spare_inputs([path, tilted, picture], [file for file in read if file.name != PLAN_NAME or file == given])
-    for place in (path, tilted):
-        if place is not None and not force:
-            refuse_to_replace(place)
+    for place in filter(None, [path, tilted] if not force else []):
+        refuse_to_replace(place)
     with progress("planning") as step:
         plan = make_plan(robot, recipe, options=asked, setup=setup, tell=lambda text: step(0.0, text))
     is_piped = str(path) == "-"
-    if tilted is not None and not is_piped:
+    if tilted and not is_piped:
         write_file(tilted, with_gravity(Experiment(recipe=recipe).recipe_path, setup.robot(robot).gravity))
         remark(f"recipe of the tilted arm written to {tilted}: simulate and identify these runs with it")
     if path is not None and not is_piped:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
 from pumaid.cli import options
 from pumaid.cli.output import document, notes, progress, remark, spare_inputs, table
+
+if TYPE_CHECKING:
+    from pumaid.robot import Robot
+    from pumaid.simulation import Truth
 
 _FORMS = click.Choice(["parquet", "csv"])
 _COUNT = click.IntRange(min=1)
@@ -65,42 +70,26 @@ def command(
     """
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import PLAN_NAME, read_plan
-    from pumaid.io.write import read_truth, write_session
+    from pumaid.io.write import write_session
     from pumaid.reporting.documents import session_document
     from pumaid.reporting.run_tables import session_table
     from pumaid.results.truth_file import as_json as truth_json
-    from pumaid.results.truth_file import from_json
-    from pumaid.simulation import draw, table1
-    from pumaid.simulation.hidden_effects import parse
     from pumaid.simulation.session import simulate
 
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
-    if noise is not None and not math.isfinite(noise):
-        raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
     experiment = Experiment(recipe=recipe)
     folder = output or experiment.folder / "logs"
     spare_inputs([folder / "truth.json"] if str(folder) != "-" else [], [truth])
     robot = experiment.robot
     read = read_plan(plan or experiment.folder / PLAN_NAME, robot)
     notes(note for note in read.notes if note.slug == "plan-other-robot")
-    if truth is None:
-        virtual = draw(robot, seed)
-    else:
-        virtual = from_json(truth_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth), robot)
-    virtual = virtual.hiding([parse(text, robot) for text in hide]) if hide else virtual
-    virtual = virtual if noise is None else virtual.with_noise(noise)
+    virtual = _virtual_robot(robot, truth, hide=hide, noise=noise, seed=seed)
     logs = simulate(robot, read, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
     with progress("simulating", total=read.duration or None) as step:
-        files = write_session(
-            folder,
-            logs,
-            robot,
-            form=form,
-            force=force,
-            truth=truth_json(virtual, seed=seed),
-            progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
-        )
+        exact = truth_json(virtual, seed=seed)
+        watch = lambda seconds: step(seconds, f"{seconds:.0f} s of robot time")  # noqa: E731
+        files = write_session(folder, logs, robot, form=form, force=force, truth=exact, progress=watch)
     if str(folder) == "-":
         return
     if as_json:
@@ -108,3 +97,20 @@ def command(
     else:
         table(session_table(files))
     remark(f"logs and truth.json written to {folder}")
+
+
+def _virtual_robot(robot: Robot, truth: Path | None, *, hide: Sequence[str], noise: float | None, seed: int) -> Truth:
+    """The virtual robot of a truth.json or of the paper, else one that is drawn, with what it hides and its noise."""
+    from pumaid.io.write import read_truth
+    from pumaid.results.truth_file import as_json, from_json
+    from pumaid.simulation import draw, table1
+    from pumaid.simulation.hidden_effects import parse
+
+    if truth is None:
+        virtual = draw(robot, seed)
+    else:
+        virtual = from_json(as_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth), robot)
+    virtual = virtual.hiding([parse(text, robot) for text in hide]) if hide else virtual
+    if noise is not None and not math.isfinite(noise):
+        raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
+    return virtual if noise is None else virtual.with_noise(noise)
