@@ -96,6 +96,12 @@ def held(column: str, value: float | None = None, *, part: slice = slice(None)) 
     return tables(change)
 
 
+def closed_up(table: pd.DataFrame) -> pd.DataFrame:
+    """Every fortieth row lost, and the times of the others as if none were."""
+    remaining = table.drop(table.index[::40])
+    return remaining.assign(t=table.t[: len(remaining)].to_numpy())
+
+
 def noisy_times(share: float) -> Callable[[np.ndarray], np.ndarray]:
     """Times that jitter by a share of the interval."""
     return lambda t: np.sort(t + share / RATE * np.random.default_rng(0).uniform(-1, 1, len(t)))
@@ -207,12 +213,15 @@ def files() -> dict[str, dict[str, Callable[[Path], None]]]:
     return {
         "empty file": {
             "no byte": only(b""),
+            "a comment": only(b"# nothing\n"),
+            "one null byte": only(b"\0"),
             "a byte order mark alone": only(b"\xef\xbb\xbf"),
             "beside a good one": raw(lambda data: b"", only_first=True),
             "gzip of nothing": only(gzip.compress(b""), "log.csv.gz"),
             "no log in the folder": only(b"x", "notes.txt"),
         },
         "header only": {
+            "with CRLF": only(HEADER + b"\r\n"),
             "and a cut row": only(HEADER + b"\n0.1,0.2"),
             "and one row": only(HEADER + b"\n0,0,0,0,0,0,0\n"),
             "Parquet without rows": only(parquet(table.head(0)), "log.parquet"),
@@ -220,6 +229,7 @@ def files() -> dict[str, dict[str, Callable[[Path], None]]]:
         },
         "cut Parquet": {
             "at 70%": as_parquet(cut(0.7)),
+            "last byte": as_parquet(lambda data: data[:-1]),
             "its index flipped": as_parquet(lambda data: data[:-200] + data[-200:-8][::-1] + data[-8:]),
             "index length huge": as_parquet(lambda data: data[:-8] + b"\xff\xff\xff\x7fPAR1"),
             "a page zeroed": as_parquet(lambda data: data[:3000] + bytes(500) + data[3500:]),
@@ -234,13 +244,16 @@ def files() -> dict[str, dict[str, Callable[[Path], None]]]:
         "wrong magic": {
             "JSON": only(b'{"t": [0, 1]}' + b"\0\1\2\3" * 20),
             "an image": only(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + b"\0\1\2\3" * 20),
+            "random": only(np.random.default_rng(0).bytes(4000)),
             "Parquet's alone": only(b"PAR1", "log.parquet"),
+            "gzip's alone": only(b"\x1f\x8b"),
             "CSV named .parquet": only(text, "log.parquet"),
             "Parquet named .csv": only(parquet(table)),
         },
         "dialects": {
             "two byte order marks": raw(lambda data: b"\xef\xbb\xbf\xef\xbb\xbf" + data),
             "UTF-16 without a mark": raw(lambda data: data.decode().encode("utf-16-le")),
+            "some lines end in CRLF": raw(replaced(b"\n", b"\r\n", 500)),
             "CR CR LF": raw(replaced(b"\n", b"\r\r\n")),
             "commas for both, not quoted": raw(replaced(b".", b",")),
             "a delimiter after the last": raw(replaced(b"\n", b",\n")),
@@ -346,6 +359,7 @@ def clocks() -> dict[str, dict[str, Callable[[Path], None]]]:
             "two neighbours": tables(
                 lambda table: table.iloc[[*range(200), 201, 200, *range(202, len(table))]], only_first=True
             ),
+            "from the end": tables(lambda table: table[::-1]),
             "values against times": tables(
                 lambda table: table.assign(**shuffled(table)[list(JOINTS)].reset_index(drop=True))
             ),
@@ -366,6 +380,7 @@ def clocks() -> dict[str, dict[str, Callable[[Path], None]]]:
             "2 s lost": tables(lambda table: table.drop(table.index[1500:1580]), only_first=True),
             "one row in three lost": tables(lambda table: table.drop(table.index[::3])),
             "a day between the halves": times(lambda t: t + 86400.0 * late),
+            "rows lost, times closed up": tables(closed_up),
         },
         "jitter": {
             **{f"of {share:.0%} of the interval": times(noisy_times(share)) for share in (0.1, 0.9)},
@@ -378,6 +393,7 @@ def clocks() -> dict[str, dict[str, Callable[[Path], None]]]:
             "second log at half the rate": tables(lambda table: table[::2], only_first=True),
             "slower from the middle": tables(lambda table: pd.concat([table[:1800], table[1800::2]]), only_first=True),
             "one sample a second": tables(lambda table: table[::40]),
+            "ten samples a second": tables(lambda table: table[::4]),
             "time in ms": times(lambda t: 1e3 * t),
             "time in minutes": times(lambda t: t / 60),
             "time in ms in one of two logs": times(lambda t: 1e3 * t, only_first=True),
@@ -390,7 +406,7 @@ def currents() -> dict[str, dict[str, Callable[[Path], None]]]:
     return {
         "values lost as 0": {
             f"{100 * share:g} % of {column}": at_random(column, share, seed, lambda values: 0.0 * values)
-            for seed, column in enumerate(("i1", "q2", "qd1"))
+            for seed, column in enumerate(("i1", "i2", "q1", "q2", "qd1"))
             for share in (0.001, 0.1)
         },
         "spikes": {
@@ -407,6 +423,7 @@ def currents() -> dict[str, dict[str, Callable[[Path], None]]]:
             for names in ("i1 i2", "q1 q2 qd1 qd2")
         },
         "constant current": {
+            "i1 zero": held("i1", 0.0),
             "i2 at its first value": held("i2"),
             "i1 frozen over a half": held("i1", part=slice(1800, None)),
             "i2 frozen over 5 s": held("i2", part=slice(1800, 2000)),
@@ -420,6 +437,7 @@ def currents() -> dict[str, dict[str, Callable[[Path], None]]]:
             "i1 at 3.9 A": tables(plus(i1=lambda table: table.i1.clip(-3.9, 3.9))),
             "i1 at 1.5 A": tables(plus(i1=lambda table: table.i1.clip(-1.5, 1.5))),
             "i2 at 1 A one way": tables(plus(i2=lambda table: table.i2.clip(upper=1.0))),
+            "i2 in steps of 1 A": tables(plus(i2=lambda table: table.i2.round())),
             "i2 in steps of 0.1 A": tables(plus(i2=lambda table: (table.i2 * 10).round() / 10)),
             "q1 stands while the arm moves": held("q1", part=slice(500, 1500)),
         },
@@ -439,11 +457,14 @@ def units_and_changes() -> dict[str, dict[str, Callable[[Path], None]]]:
     """Degrees for radians and other units; what is another thing in one log than in the other."""
     no_velocity = without("qd1", "qd2")
     changed = {
+        "zero of i1 by 0.02 A": plus(i1=lambda table: table.i1 + 0.02),
         "zero of i2 by -0.1 A": plus(i2=lambda table: table.i2 - 0.1),
+        "encoder 1 by 0.02 rad": plus(q1=lambda table: table.q1 + 0.02),
         "encoder 1 by 0.1 rad": plus(q1=lambda table: table.q1 + 0.1),
         "encoder 2 by 90 deg": plus(q2=lambda table: table.q2 + np.pi / 2),
         "friction of joint 1 by 0.05 A": plus(i1=friction(1, 0.05)),
         "friction of joint 2 by 0.4 A": plus(i2=friction(2, 0.4)),
+        "gain of joint 1 by 1.02": times_by(i1=1.02),
         "gain of joint 1 by 0.9": times_by(i1=0.9),
         "twice the load": plus(i1=lambda table: table.i1 + 3.5 * np.sin(table.q1)),
         "a wall-mounted arm's": plus(i1=lambda table: 3.5 * np.cos(table.q1) + table.i2),
@@ -453,6 +474,7 @@ def units_and_changes() -> dict[str, dict[str, Callable[[Path], None]]]:
     return {
         "changed between logs": {name: tables(change, only_first=True) for name, change in changed.items()},
         "degrees for radians": {
+            "positions": scaled(DEG, "q1", "q2"),
             "positions and velocities": scaled(DEG, "q1", "q2", "qd1", "qd2"),
             "velocities": scaled(DEG, "qd1", "qd2"),
             "positions without velocities": tables(lambda table: times_by(q1=DEG, q2=DEG)(no_velocity(table))),
@@ -460,6 +482,7 @@ def units_and_changes() -> dict[str, dict[str, Callable[[Path], None]]]:
             "one joint without velocities": tables(lambda table: times_by(q2=DEG)(no_velocity(table))),
         },
         "other units": {
+            "turns": scaled(1 / TURN, "q1", "q2"),
             "turns with velocities": scaled(1 / TURN, "q1", "q2", "qd1", "qd2"),
             "encoder counts": scaled(4096 / TURN, "q1", "q2"),
             "a joint backwards, position only": scaled(-1.0, "q1"),
