@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 19010,
     "modules": 175,
     "import depth": 12,
-    "lines of tests and tools": 25420,
+    "lines of tests and tools": 25425,
     "words of documents": 30000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

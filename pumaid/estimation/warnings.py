@@ -209,11 +209,14 @@ def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
 
 
 def _inside(bins: JointBins) -> tuple[Floats, Floats]:
-    """(R,) A2 of a sample that each run's own first harmonic leaves, and (R,) its samples."""
+    """(R,) A2 of a sample that each run's own first harmonic leaves, in a block that straight lines in cells leave, and
+    (R,) its samples.
+    """
     residual, terms = _beside_harmonics(bins)
     inside = bins.inside_left(bins.current - residual)
     samples = bins.sums(bins.count)
-    return bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0), samples
+    squares = bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0)
+    return np.where(bins.is_block, bins.sums(bins.count * bins.inside) / samples, squares), samples
 
 
 def _spikes(bins: JointBins) -> list[float]:

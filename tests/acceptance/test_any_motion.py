@@ -6,6 +6,8 @@ links first, which keeps the form: row i has no column of a link before i.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from free_motion import picks, reach, recorded, true_values, waves
@@ -119,3 +121,15 @@ def test_unseen_work_is_predicted_to_the_noise():
     comparison = compare(estimate, unseen, robot)
     for score, fit in zip(comparison.joints, estimate.joints, strict=True):
         assert score.rmse < 1.5 * fit.rmse and not score.undetermined
+
+
+def test_a_clock_or_a_zero_that_is_off_is_told():
+    """Where inertia, weight and friction contradict each other, a note says so; of the sound log there is none."""
+    robot = read_recipe(shipped_recipes()["puma560"])
+    truth, rng = draw(robot, 302), np.random.default_rng(302)
+    log = recorded(truth, picks(rng, 60.0, reach(robot)), rng, counts=2e4)
+    slow, shifted = replace(log, time=1.3 * log.time), log.position.copy()
+    shifted[:, 1] += 0.2
+    spoilt = [log, slow, replace(log, position=shifted)]
+    slugs = [{note.slug for note in identify(segment([item], robot), robot).notes} for item in spoilt]
+    assert slugs == [set(), {"model-misses"}, {"model-misses"}]
