@@ -48,12 +48,13 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
 def in_motion(robot: Robot) -> Structure:
     """The parameters of gravity that no motion of all joints shows; ratios of gains are left to the data."""
     shown = {(link, part.removeprefix("m") or "mass") for link, part in base_parameters(robot).names}
-    absent = {
-        f"gravity.l{joint.number}.{parameter.name}": "no motion of this arm shows it apart from inner links' parameters"
-        for joint in robot.joints
-        for parameter in catalogue()["gravity"].parameters(robot, joint.number)
-        if (joint.number, parameter.name) not in shown
-    }
+    weightless, absent = minimal(robot).absent, {}
+    for joint in robot.joints:
+        other = f"no motion shows the weight of link {joint.number} ({joint.name}) apart from that of other links"
+        for parameter in catalogue()["gravity"].parameters(robot, joint.number):
+            if (joint.number, parameter.name) not in shown:
+                name = f"gravity.l{joint.number}.{parameter.name}"
+                absent[name] = weightless.get(name, other)
     return Structure(absent)
 
 

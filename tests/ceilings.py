@@ -2,7 +2,7 @@
 
 CEILINGS = {
     "lines": 29850,
-    "statements": 19010,
+    "statements": 19013,
     "modules": 175,
     "import depth": 12,
     "lines of tests and tools": 25425,
