@@ -1,7 +1,5 @@
 """How users name an effect, to add it to a model or to hide it in a virtual robot: EFFECT@JOINT:KEY=VALUE."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

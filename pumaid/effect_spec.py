@@ -7,17 +7,15 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effect_choice import ALL, did_you_mean, read_choice
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Parameter, Shape
 from pumaid.errors import ModelError, Where
 from pumaid.estimate import Estimate
+from pumaid.maths import Floats
 from pumaid.robot import EffectChoice, Robot
 from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"

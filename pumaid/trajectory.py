@@ -1,19 +1,15 @@
 """Planned motions, and the trapezoids of speed by which an arm makes them, in programs, simulations and forecasts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import Note
+from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
 from pumaid.units import factor
-
-Floats = NDArray[np.float64]
 
 #: Speed of moves between postures where a joint states no highest speed: rad/s and m/s.
 TURNING_SPEED, SLIDING_SPEED = 1.5, 0.25

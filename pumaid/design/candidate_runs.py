@@ -1,16 +1,14 @@
 """What a plan can be made of: one joint moving at constant speed over its range or a part, the others held."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.design.collision import Collision
+from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import (
     QUICKEST_SLIDE,
@@ -22,8 +20,6 @@ from pumaid.trajectory import (
     span,
 )
 from pumaid.units import factor
-
-Floats = NDArray[np.float64]
 
 #: Shares of a joint's top speed: slow enough for Stribeck friction, fast enough to tell viscous friction from it.
 SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)

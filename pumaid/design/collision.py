@@ -1,17 +1,13 @@
 """Whether the arm keeps its distance from forbidden boxes and from itself along a path; distances are MuJoCo's."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import RecipeError, Where, refuse
+from pumaid.maths import Floats
 from pumaid.robot import Robot, Safety, Sphere
 from pumaid.trajectory import in_words
-
-Floats = NDArray[np.float64]
 
 #: m: no path within the margin is called free, and none that stays this far outside it is called a collision.
 TOLERANCE = 1e-3

@@ -1,18 +1,13 @@
 """Optimal experimental design: a criterion, the continuous optimum as its bound, and the greedy exchange algorithm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.design.information import CandidateInformation
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from pumaid.maths import Counts, Flags, Floats
 
 #: Criteria by name, with the power by which large errors count; 0 is the geometric mean.
 POWERS = {"geometric": 0.0, "worst": 12.0}
@@ -45,7 +40,7 @@ class Criterion:
 
     power: float  # 0: the geometric mean (D-optimality but for correlations); large: nearly the worst error
     size: Floats  # (p,) typical size of each parameter
-    counted: NDArray[np.bool_]  # (p,) which parameters count
+    counted: Flags  # (p,) which parameters count
 
     def value(self, information: Floats) -> Floats:
         """(...) for information (..., G, p, p) of G robots."""

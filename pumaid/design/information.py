@@ -6,19 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from pumaid.design.candidate_runs import Block
 from pumaid.effects import catalogue
+from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.structure import Structure
 from pumaid.trajectory import Motion, Plan, cruise, duration
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: Samples a second that a forecast assumes.
 RATE = 100.0

@@ -1,7 +1,5 @@
 """Plan an experiment, or say what a given plan promises, with what the user should know of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

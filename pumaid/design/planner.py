@@ -4,14 +4,11 @@ A coverage is what every joint gets whatever it tells, since diagnosis needs it:
 replicates.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import SHARES, Block, Sweep, free_blocks, home, postures, speeds, sweeps
 from pumaid.design.collision import Collision
@@ -29,13 +26,11 @@ from pumaid.design.prior import Setup, prior_robots
 from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
 from pumaid.estimate import Estimate
+from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
 from pumaid.structure import minimal
 from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Plan, Posture, duration, highest_speeds
 from pumaid.units import number
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: Different speeds of a joint at least: three tell a straight line from a bend, the fourth which bend.
 SPEEDS = 4

@@ -1,22 +1,18 @@
 """What is assumed of an arm before it is measured: random robots of its geometry or an earlier model, and its setup."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.random_robot import draw
 from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants
 from pumaid.units import factor, number
-
-Floats = NDArray[np.float64]
 
 #: Random robots for which a plan is made where no model is given.
 DRAWN = 4

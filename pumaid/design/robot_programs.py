@@ -1,20 +1,16 @@
 """A plan as a program that a robot's own controller runs: URScript, or a ROS 2 trajectory."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.trajectory import REST, Motion, Plan, duration, trapezoids
 from pumaid.units import factor
-
-Floats = NDArray[np.float64]
 
 #: rad/s and rad/s2 of URScript's first move, from wherever the arm stands.
 _APPROACH, _APPROACH_RAMP = 0.2, 0.5

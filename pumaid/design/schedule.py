@@ -1,22 +1,18 @@
 """The order of a plan's runs: replicates far apart in time, blocks in random order, moves short and free."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.design.candidate_runs import Block
 from pumaid.design.collision import Collision
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.trajectory import MOVE_SHARE, Motion, highest_speeds
-
-Floats = NDArray[np.float64]
 
 #: Random orders of a pass that are improved, and of which the shortest is taken.
 _STARTS = 30

@@ -1,7 +1,5 @@
 """The catalogue of physical effects: every module of this folder is one, and so are files that a user names."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import pkgutil

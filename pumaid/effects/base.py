@@ -1,7 +1,5 @@
 """The contract of a physical effect: what one file under ``effects/`` states."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,13 +8,12 @@ from functools import lru_cache
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effects.formula import columns, printed
+from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Extent, Samples
 
-Floats = NDArray[np.float64]
 NO_SHAPE: Mapping[str, float] = {}
 
 #: Below this share of gravity a component is the rounding of twists by right angles.

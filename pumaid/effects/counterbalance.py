@@ -1,7 +1,5 @@
 """A counterbalance cylinder: a constant force on a lever."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A gear coupling: one joint's load also hangs on another joint's motor."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace, load_refusal

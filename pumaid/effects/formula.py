@@ -13,8 +13,6 @@ parameters. Parameters and shapes stand in it by their own names. Of the joint w
   position.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Callable, Mapping
@@ -23,12 +21,10 @@ from types import CodeType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.samples import Loads, Samples
-
-Floats = NDArray[np.float64]
 
 #: degC that a joint has where its temperature was not measured; it only shifts Coulomb friction.
 REFERENCE = 25.0

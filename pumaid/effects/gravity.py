@@ -1,7 +1,5 @@
 """Gravity: the current that carries the links' weight."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

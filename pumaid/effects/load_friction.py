@@ -1,7 +1,5 @@
 """Friction in proportion to the load: a gear's efficiency."""
 
-from __future__ import annotations
-
 from pumaid.effects.base import Effect, Family, Parameter, Trace, load_refusal
 from pumaid.robot import Robot
 

@@ -1,7 +1,5 @@
 """A mass that the last link carries from some instant on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects from outside the package: a file that a user names, or an entry point; tried once when they are loaded."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import re

@@ -1,7 +1,5 @@
 """Friction that varies with the joint's position."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

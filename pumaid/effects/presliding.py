@@ -1,7 +1,5 @@
 """Presliding: friction that builds up over the first travel after the motion begins."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ripple: cogging of the motor, ripple of its torque, mesh of the gear."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

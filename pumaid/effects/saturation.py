@@ -1,7 +1,5 @@
 """A current that the drive, or the sensor, does not let through."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stribeck friction: what a lubricated contact needs more at low speed than at high."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

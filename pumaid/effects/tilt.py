@@ -1,7 +1,5 @@
 """A base that does not stand as the recipe says."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope, Shape, Trace, load_refusal

@@ -1,7 +1,5 @@
 """Viscous friction that is not proportional to speed: a power of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace

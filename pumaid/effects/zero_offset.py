@@ -1,7 +1,5 @@
 """A joint's position counts from another zero than the recipe says."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pumaid.effects.base import (

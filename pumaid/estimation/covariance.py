@@ -1,18 +1,13 @@
 """Covariances that are robust to what samples of one run share, and the intervals that they support."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from pumaid.estimation.fit import Fit, clusters
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.maths.bilinear import Bilinear, Gains
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
 #: residual tells nothing, and its variance is taken from the working model.
@@ -88,7 +83,7 @@ def _by_run(table: Floats, runs: Counts) -> Floats:
     return out
 
 
-def completed(working: Floats, errors: Floats, poor: NDArray[np.bool_]) -> Floats:
+def completed(working: Floats, errors: Floats, poor: Flags) -> Floats:
     """A covariance `errors` (p, p) of which the `poor` parameters (p,) are known by `working` (p, p) only.
 
     Taking the poor ones' rows and columns from the other would not do: the two together may give a sum of parameters a

@@ -1,7 +1,5 @@
 """An estimate held against runs: what it predicts, how far off it is, and what it cannot know."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,20 +7,17 @@ from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, Campaign, Dataset, Reject, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.gravity_load import along, loads, with_inertia
 from pumaid.joint_bins import JointBins, at, joined, joint_bins
+from pumaid.maths import Flags, Floats
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.robot import Robot
 from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 #: Effects of one joint, those together that are known only together.
 Groups = tuple[tuple[str, ...], ...]

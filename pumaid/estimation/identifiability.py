@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effect_spec import Column
 from pumaid.effects import Scope
@@ -17,12 +16,10 @@ from pumaid.estimation.covariance import Clustered, completed, interval, two_sid
 from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.noise import freedoms
 from pumaid.estimation.reasons import JointCoverage, Reason, reason
+from pumaid.maths import Counts, Floats
 from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
 from pumaid.model import DELAY
 from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Run
 from pumaid.effect_spec import EffectTerm, scale_of, terms_of
@@ -17,12 +16,12 @@ from pumaid.errors import ModelError, Where
 from pumaid.estimation.fit import Fit, Projector, Refit, rmse_by_joint
 from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
+from pumaid.maths import Floats
 from pumaid.model import Model
 from pumaid.robot import EffectChoice
 from pumaid.samples import Extent
 from pumaid.units import number
 
-Floats = NDArray[np.float64]
 Point = dict[str, float]
 Ends = tuple[float, float]
 

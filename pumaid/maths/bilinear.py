@@ -17,11 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pumaid.maths import rank
-
-Floats = NDArray[np.float64]
+from pumaid.maths import Counts, Floats, rank
 
 #: A ratio of gains with a larger standard error than this says nothing about any machine.
 LARGEST_RATIO = 1e4
@@ -110,14 +107,14 @@ class Recursion:
     ([2.0, 3.0], 0.5)
     """
 
-    def __init__(self, owners: Sequence[int] | NDArray[np.int64], n_rows: int) -> None:
+    def __init__(self, owners: Sequence[int] | Counts, n_rows: int) -> None:
         self.owners = np.asarray(owners, dtype=int)
         self.values = np.zeros(len(self.owners))
         self.gains = Gains(n_rows)
         self.undetermined = np.zeros(len(self.owners), dtype=bool)
         self.redundant: list[tuple[int, int]] = []
 
-    def design(self, row: int, rows: Floats) -> tuple[Floats, NDArray[np.int64], list[int]]:
+    def design(self, row: int, rows: Floats) -> tuple[Floats, Counts, list[int]]:
         """Row `row` (from 0) as plain least squares; every later row that has data must have been taken.
 
         Returns (N, own + clusters) of (N, p) `rows`, the row's own columns and then one column nu a cluster that it
@@ -189,10 +186,10 @@ class Bilinear:
     `owners` (p,) is the row (from 0) that owns each column; -1 for one that counts in every row's own current.
     """
 
-    row: NDArray[np.int64]
+    row: Counts
     regressors: Floats
     target: Floats
-    owners: NDArray[np.int64]
+    owners: Counts
 
     def factors(self, gains: Gains) -> Floats:
         """(n, p) eta_row / eta_owner of every row and column; unknown ratios count as zero."""

@@ -1,13 +1,10 @@
 """Least squares that says which directions of the parameters the data do not determine."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from pumaid.maths import Flags, Floats
 
 #: Singular values of the column-scaled matrix below this share of the largest are rounding: triangles are formed in
 #: double precision (1e-16) from regressors of order one, and merging thousands of them loses about six digits.
@@ -36,7 +33,7 @@ class Solution:
     scale: Floats
 
     @property
-    def determined(self) -> NDArray[np.bool_]:
+    def determined(self) -> Flags:
         """(p,) whether each parameter is free of every blind direction."""
         if self.blind.size == 0:
             return np.ones(len(self.values), dtype=bool)
@@ -72,7 +69,7 @@ def solve(
     return Solution(values, half @ half.T, right[~is_shown].T, norms)
 
 
-def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> NDArray[np.bool_]:
+def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> Flags:
     """(p,) which columns are determined once the `first` leading columns have had the first word.
 
     The leading columns absorb what any other column shares with them, so a column that is a combination of leading

@@ -4,8 +4,6 @@ Nothing here is shared with the effects that a model is fitted with: the laws ar
 exactly where the model has a linear form, and gravity comes from the virtual arm's own masses.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,13 +11,11 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effect_choice import did_you_mean, read_choice
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Floats
 from pumaid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: degC of the room, in which every motor begins; s in which a motor comes within 1/e of its last temperature; degC
 #: above the room of a motor that draws its usual current for good.

@@ -1,19 +1,15 @@
 """Runs without logs: many noisy repeats of one experiment, fast enough for statistics over hundreds of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Bins, Run
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Counts, Floats
 from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, delays
 from pumaid.simulation.virtual_robot import Truth
 from pumaid.trajectory import Plan, Trapezoid, run_times, trapezoids
-
-Floats = NDArray[np.float64]
 
 #: Fewest samples at constant speed that say anything of a run's three regressors and its noise.
 _FEWEST = 8
@@ -95,9 +91,7 @@ class Bench:
         return truth.current(motion.joint, at)
 
 
-def constant_run(
-    movement: Trapezoid, local: Floats, count: NDArray[np.int64], *, start: float = 0.0, first_row: int = 2
-) -> Run:
+def constant_run(movement: Trapezoid, local: Floats, count: Counts, *, start: float = 0.0, first_row: int = 2) -> Run:
     """The run that a movement leaves which begins at `start` s, without currents and temperatures.
 
     It is sampled at `local` (N,) s from its start, `count` (M,) of the samples being in each bin.
@@ -130,7 +124,7 @@ def constant_run(
     )
 
 
-def _means(values: Floats, count: NDArray[np.int64]) -> Floats:
+def _means(values: Floats, count: Counts) -> Floats:
     """Means over stretches of `count` values, one after the other."""
     return np.asarray(np.add.reduceat(values, np.cumsum(count) - count) / count)
 

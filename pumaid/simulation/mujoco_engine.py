@@ -1,21 +1,17 @@
 """A virtual arm of rigid bodies in MuJoCo, driven by motor currents, with friction and hidden effects of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Floats
 from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, added, values_of
 from pumaid.simulation.virtual_robot import Truth, lengthwise, side_load
 from pumaid.trajectory import accelerations
-
-Floats = NDArray[np.float64]
 
 #: A link is taken for a solid cylinder of its length, its radius this share of that; at least this share of the reach.
 _RADIUS, _SHORTEST = 0.25, 0.08

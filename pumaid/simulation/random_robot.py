@@ -1,15 +1,11 @@
 """A plausible robot for a recipe: masses, motors, friction and noise drawn from a seed."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.virtual_robot import Friction, Links, Noise, Truth, gravity_load, lengthwise
 from pumaid.trajectory import accelerations, highest_speeds, span
-
-Floats = NDArray[np.float64]
 
 #: kg a metre of an arm's first link; links grow lighter outward.
 _LINK_DENSITY = 22.0

@@ -1,15 +1,13 @@
 """A virtual robot executes a plan in closed loop, and what it does is logged sample by sample."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Log
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, JointState, delays, whole
 from pumaid.simulation.monte_carlo import first_starts
@@ -17,8 +15,6 @@ from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.random_robot import draw
 from pumaid.simulation.virtual_robot import Truth
 from pumaid.trajectory import MOVE_SHARE, Plan, Trapezoid, highest_speeds, trapezoids
-
-Floats = NDArray[np.float64]
 
 #: Hz of a log: slower, and a run of a few seconds would leave a sample or none; no drive that is logged is faster.
 SLOWEST, FASTEST = 1.0, 1000.0

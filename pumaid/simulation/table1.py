@@ -1,7 +1,5 @@
 """The paper's PUMA 560 as a virtual robot, and the experiment that was made on it (Table I)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pumaid.robot import Joint, Robot

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import (
     ArmState,
@@ -23,8 +23,6 @@ from pumaid.simulation.hidden_effects import (
     whole,
 )
 from pumaid.trajectory import QUICKEST_SLIDE, QUICKEST_TURN, accelerations, highest_speeds, span
-
-Floats = NDArray[np.float64]
 
 #: Break-away friction as a multiple of Coulomb friction, where nothing states it.
 BREAKAWAY = 1.1
