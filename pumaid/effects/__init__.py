@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
-from pumaid.effects.plugins import effect_in, from_entry_points, from_file
+from pumaid.effects.plugins import effect_in, from_file
 
 __all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include"]
 
@@ -20,13 +20,8 @@ _INCLUDED: dict[Path, Effect] = {}
 
 @functools.cache
 def catalogue() -> Mapping[str, Effect]:
-    """Every effect by its name: this folder's, those of entry points ``pumaid.effects``, and files that were included.
-
-    Raises ModelError as `include` does where an installed package offers what is no effect.
-    """
-    effects = dict(_built_in())
-    effects |= from_entry_points(effects)
-    return MappingProxyType(effects | {effect.name: effect for effect in _INCLUDED.values()})
+    """Every effect by its name: this folder's, and those of files that were included."""
+    return MappingProxyType(_built_in() | {effect.name: effect for effect in _INCLUDED.values()})
 
 
 def include(path: Path) -> Effect:
@@ -45,6 +40,6 @@ def include(path: Path) -> Effect:
 
 
 @functools.cache
-def _built_in() -> Mapping[str, Effect]:
+def _built_in() -> dict[str, Effect]:
     names = sorted(info.name for info in pkgutil.iter_modules(__path__) if not info.ispkg and info.name not in SHARED)
     return {name: effect_in(importlib.import_module(f"{__name__}.{name}")) for name in names}

@@ -47,12 +47,6 @@ def loads_of(samples: Samples) -> Loads:
     return samples.loads
 
 
-def _shaft(robot: Robot, samples: Samples) -> Floats:
-    """(M,) velocity that drives the friction of the moving joint's motor: its own unless gears couple it."""
-    column = samples.joint - 1
-    return samples.velocity @ robot.shaft_speeds[column] if robot.coupling else samples.velocity[:, column]
-
-
 def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
     loads = loads_of(samples)
     return loads.moving if owner == samples.joint else np.nan_to_num(loads.by_joint[:, owner - 1])
@@ -64,8 +58,8 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "qd": lambda robot, samples, owner: samples.velocity[:, samples.joint - 1],
     "qdd": lambda robot, samples, owner: samples.acceleration,
     "s": lambda robot, samples, owner: samples.direction,
-    "shaft": lambda robot, samples, owner: _shaft(robot, samples),
-    "v": lambda robot, samples, owner: np.abs(_shaft(robot, samples)),
+    "shaft": lambda robot, samples, owner: robot.shaft_velocity(samples.velocity)[:, samples.joint - 1],
+    "v": lambda robot, samples, owner: np.abs(robot.shaft_velocity(samples.velocity)[:, samples.joint - 1]),
     "t": lambda robot, samples, owner: samples.time,
     "elapsed": lambda robot, samples, owner: samples.elapsed,
     "path": lambda robot, samples, owner: samples.travel,

@@ -1,9 +1,8 @@
-"""Effects from outside the package: a file that is named, entry points, and what is refused."""
+"""Effects from outside the package: a file that is named, and what is refused."""
 
 from __future__ import annotations
 
 import re
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,8 @@ from click.testing import CliRunner
 
 import pumaid.effects
 from pumaid.cli import group
-from pumaid.effects import catalogue, include, plugins
-from pumaid.effects.plugins import ARM, breach, example
+from pumaid.effects import catalogue, include
+from pumaid.effects.plugins import ARM, breach, column_checks, example
 from pumaid.errors import ModelError
 
 PAGE = Path(__file__).parents[2] / "docs" / "contributing.md"
@@ -148,8 +147,8 @@ def test_shipped_effects_keep_the_contract():
     """What is asked of others holds for our own; of the paper's model, what its columns are."""
     for effect in catalogue().values():
         if effect.base or effect.per_posture:
-            faults = [fault for n in range(1, 7) for fault in plugins._column_breaches(effect, n, n)]
-            assert faults == [] and re.search(r"\d", effect.source)
+            checks = [check for n in range(1, 7) for check in column_checks(effect, n, n)]
+            assert not any(any(check.values()) for check in checks) and re.search(r"\d", effect.source)
         else:
             assert breach(effect, names=catalogue()) is None
 
@@ -158,36 +157,6 @@ def test_ctrl_c_stays_ctrl_c(written):
     """Who stops the program while a file is loaded has stopped the program."""
     with pytest.raises(KeyboardInterrupt):
         include(written("raise KeyboardInterrupt"))
-
-
-@pytest.fixture
-def installed(written, tmp_path, monkeypatch):
-    """A function that makes a module an entry point of an installed package."""
-
-    def install(text: str, value: str) -> None:
-        written(text, "my_drag.py")
-        monkeypatch.syspath_prepend(str(tmp_path))
-        point = EntryPoint("my_drag", value, plugins.GROUP)
-        monkeypatch.setattr(plugins, "entry_points", lambda *, group: [point] if group == plugins.GROUP else [])
-        catalogue.cache_clear()
-
-    yield install
-    plugins.sys.modules.pop("my_drag", None)
-
-
-def test_entry_points_are_found(installed):
-    """An installed package's effect is in the catalogue without being named."""
-    installed(SHORT, "my_drag")
-    assert catalogue()["my_drag"].title == "t"
-
-
-@pytest.mark.parametrize("value", ["my_drag:Square", "not_there"])
-def test_an_entry_point_that_is_no_effect_is_told(installed, value):
-    """An entry point that cannot be used is refused with the package's name for it."""
-    installed(SHORT, value)
-    with pytest.raises(ModelError) as told:
-        catalogue()
-    assert told.value.slug == "effect-file"
 
 
 def test_command_line_takes_files(written):
