@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -110,46 +109,28 @@ def accelerations(robot: Robot) -> Floats:
     return highest_speeds(robot) / RAMP_TIME
 
 
-@dataclass(frozen=True, eq=False)
 class Trapezoid:
-    """All joints from `start` to `end` together, straight in joint space, by one trapezoid of speed."""
+    """All joints from `start` to `end` (J,), rad or m, together, straight in joint space, by one trapezoid of speed.
 
-    start: Floats  # (J,) rad or m
-    end: Floats
-    speed: float  # of the joint that goes farthest, rad/s or m/s
-    acceleration: float
-    motion: Motion | None  # the run of the plan; None for a move between postures
-    number: int  # of the run, from 1, or of the run to which a move leads
+    Of the joint that goes farthest, over `way`: `speed` (rad/s or m/s), `acceleration`, and the speed that it reaches,
+    `peak`, less on a short way. `motion` is the run of the plan, None for a move between postures, `number` that of the
+    run, from 1, or of the run to which a move leads. In s: the `ramp` in which the speed rises, and in which it falls,
+    the `duration` without rests, the rest before it, `lead`, all together, `seconds`; and from the start `cruise`,
+    between which the speed is kept, the same instant twice where it never is.
+    """
 
-    @cached_property
-    def way(self) -> float:
-        """How far the joint goes that goes farthest, rad or m."""
-        return float(np.max(np.abs(self.end - self.start)))
-
-    @cached_property
-    def peak(self) -> float:
-        """The speed that it reaches: less than `speed` on a short way."""
-        return float(min(self.speed, np.sqrt(self.acceleration * self.way)))
-
-    @cached_property
-    def ramp(self) -> float:
-        """s in which the speed rises to its peak, and in which it falls to zero."""
-        return self.peak / self.acceleration
-
-    @property
-    def duration(self) -> float:
-        """s from the start to the end, without rests."""
-        return self.ramp + self.way / self.peak if self.way > 0 else 0.0
-
-    @property
-    def lead(self) -> float:
-        """s of rest before it."""
-        return 0.0 if self.motion is None else REST
-
-    @property
-    def seconds(self) -> float:
-        """s with the rests before and after it."""
-        return self.lead + self.duration + REST
+    def __init__(
+        self, start: Floats, end: Floats, *, speed: float, acceleration: float, motion: Motion | None, number: int
+    ) -> None:
+        self.start, self.end, self.speed, self.acceleration = start, end, speed, acceleration
+        self.motion, self.number, self.way = motion, number, float(np.max(np.abs(end - start)))
+        self.peak = float(min(speed, np.sqrt(acceleration * self.way)))
+        self.ramp = self.peak / acceleration
+        self.duration = self.ramp + self.way / self.peak if self.way > 0 else 0.0
+        self.lead = 0.0 if motion is None else REST
+        self.seconds = self.lead + self.duration + REST
+        first, last = self.ramp + SETTLING, self.duration - self.ramp - SETTLING
+        self.cruise = (first, last) if last > first else (0.5 * self.duration,) * 2
 
     def at(self, time: Floats) -> tuple[Floats, Floats]:
         """(N, J) positions and velocities `time` (N,) s after the start."""
@@ -160,12 +141,6 @@ class Trapezoid:
         direction = (self.end - self.start) / (self.way or 1.0)
         speed = self.acceleration * (rising - falling)
         return self.start + gone[:, None] * direction, speed[:, None] * direction
-
-    @property
-    def cruise(self) -> tuple[float, float]:
-        """s from the start between which the speed is kept; the same instant twice where it never is."""
-        first, last = self.ramp + SETTLING, self.duration - self.ramp - SETTLING
-        return (first, last) if last > first else (0.5 * self.duration,) * 2
 
 
 def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | None = None) -> str:
@@ -187,7 +162,8 @@ def trapezoids(robot: Robot, plan: Plan) -> Iterator[Trapezoid]:
         if now is not None and np.max(way) > 1e-9:
             # As fast as the slowest joint allows when all arrive together.
             share = np.maximum(way / way.max(), 1e-12)
-            yield Trapezoid(now, run.start, float(np.min(highest / share)), float(np.min(rising / share)), None, number)
+            speed, acceleration = float(np.min(highest / share)), float(np.min(rising / share))
+            yield Trapezoid(now, run.start, speed=speed, acceleration=acceleration, motion=None, number=number)
         yield run
         now = run.end
 
@@ -199,7 +175,7 @@ def run_trapezoid(robot: Robot, motion: Motion, number: int = 1) -> Trapezoid:
     end = start.copy()
     start[j], end[j] = motion.start, motion.end
     ramp = max(float(accelerations(robot)[j]), motion.velocity / RAMP_TIME)
-    return Trapezoid(start, end, motion.velocity, ramp, motion, number)
+    return Trapezoid(start, end, speed=motion.velocity, acceleration=ramp, motion=motion, number=number)
 
 
 def duration(robot: Robot, plan: Plan) -> float:

@@ -5,7 +5,8 @@ exactly where the model has a linear form, and gravity comes from the virtual ar
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pumaid.effect_choice import did_you_mean, read_choice
-from pumaid.errors import ModelError, Where
+from pumaid.errors import ModelError, Where, refuse
 from pumaid.maths import Floats
 from pumaid.robot import Robot
 
@@ -81,23 +82,6 @@ class JointState:
     def opposing(self) -> Floats:
         """(N,) direction of a current that overcomes friction: +1, -1, 0 at rest."""
         return np.asarray(self.side * np.sign(self.velocity))
-
-
-@dataclass(frozen=True, slots=True)
-class Typical:
-    """What is usual of one joint of a virtual arm, so that an effect can be given a size that shows."""
-
-    joint: int  # from 1
-    coulomb: float  # A, mean of both directions
-    speed: float  # the highest that a plan uses, rad/s or m/s
-    acceleration: float  # likewise, rad/s2 or m/s2
-    half_span: float  # of what a plan lets it travel, rad or m
-    load: float  # A of gravity, root mean square over many postures
-    peak_load: float  # A of gravity, the greatest
-    across: float  # A, root mean square of the moment across the axis
-    coulomb_before: float  # A, Coulomb friction of the joint before it (of joint 2 for joint 1)
-    last_mass: float  # kg of the last link
-    reach: float  # m of the whole arm
 
 
 class Kind(Enum):
@@ -169,26 +153,26 @@ LAWS = {
 }
 
 
-def usual_values(joint: Typical) -> dict[str, dict[str, float]]:
+def usual_values(joint: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Values of every effect by the names that the catalogue has; they show at a joint like that but do not rule it.
 
-    They are not finite where they follow from a weight and the joint carries none.
+    `joint` says what is usual of it (`Truth.typical`). Values that follow from a weight are not finite without one.
     """
-    c, half, peak, reach = joint.coulomb, joint.half_span, joint.peak_load, joint.reach
+    c, half, peak, reach = (joint[key] for key in ("coulomb", "half_span", "peak_load", "reach"))
     with np.errstate(all="ignore"):
         usual = {
-            "stribeck": {"a": 0.4 * c, "velocity": 0.2 * joint.speed, "exponent": 1.0},
+            "stribeck": {"a": 0.4 * c, "velocity": 0.2 * joint["speed"], "exponent": 1.0},
             # As much as Coulomb friction at the highest speed: all but a tenth of it passes for viscous friction.
-            "viscous_power": {"b": c / joint.speed**0.4, "exponent": 0.4},
+            "viscous_power": {"b": c / joint["speed"] ** 0.4, "exponent": 0.4},
             "load_friction": {"drive": 0.15, "back": 0.1},
-            "side_load_friction": {"mu": 0.4 * c / np.float64(joint.across)},
+            "side_load_friction": {"mu": 0.4 * c / np.float64(joint["across"])},
             "position_friction": {"cos": 0.25 * c, "sin": 0.2 * c, "harmonic": 2.0},
             # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.
             "ripple": {"cos": 0.15 * c, "sin": 0.1 * c, "frequency": round(20 * np.pi / half)},
             "spring": {"a": c / half},
             "counterbalance": {"a": c, "length": 0.6, "angle": 0.5},
             "presliding": {"a": 0.6 * c, "travel": 0.08 * half},
-            "inertia": {"J": 0.5 * c / joint.acceleration},
+            "inertia": {"J": 0.5 * c / joint["acceleration"]},
             "delay": {"dt": 0.04},
             "warmup": {"a": 0.4 * c, "time_constant": 600.0},
             "friction_step": {"a": 0.3 * c, "time": 600.0},
@@ -196,10 +180,10 @@ def usual_values(joint: Typical) -> dict[str, dict[str, float]]:
             "thermal_friction": {"a": -0.05 * c},
             "tilt": {"x": 0.04, "y": -0.03},
             "zero_offset": {"delta": 0.06},
-            "payload": {"mass": joint.last_mass, "x": 0.0, "y": 0.03 * reach, "z": 0.05 * reach, "time": 600.0},
+            "payload": {"mass": joint["last_mass"], "x": 0.0, "y": 0.03 * reach, "z": 0.05 * reach, "time": 600.0},
             "flexibility": {"c": 0.08 / np.float64(peak)},
             # On the motor before: a drive passes through the joints before its own.
-            "coupling": {"c": 0.4 * joint.coulomb_before / np.float64(joint.load), "on": joint.joint - 1 or 2},
+            "coupling": {"c": 0.4 * joint["coulomb_before"] / np.float64(joint["load"]), "on": joint["joint"] - 1 or 2},
             "torque_constant_drift": {"a": 0.15, "time_constant": 600.0},
             "torque_droop": {"a": 0.3 / (peak + c) ** 2},
             "saturation": {"limit": 0.75 * peak + c},
@@ -208,7 +192,7 @@ def usual_values(joint: Typical) -> dict[str, dict[str, float]]:
 
 
 #: Name of the effect -> names of its values.
-KEYS = {name: tuple(values) for name, values in usual_values(Typical(1, *[1.0] * 10)).items()}
+KEYS = {name: tuple(values) for name, values in usual_values(defaultdict(lambda: 1.0)).items()}
 
 
 def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Floats | float:
@@ -249,7 +233,7 @@ def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
     return late
 
 
-def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: bool) -> tuple[Hidden, ...]:
+def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has_masses: bool) -> tuple[Hidden, ...]:
     """Hidden effects with all their values, one a joint where an effect of joints names none.
 
     Values that are missing follow from what is usual of every joint of the arm.
@@ -269,7 +253,7 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Typical], *, has_masses: boo
         for joint in usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]:
             values = usual_values(joint)[effect.effect] | effect.values
             if all(map(math.isfinite, values.values())):
-                out.append(Hidden(effect.effect, joint.joint if is_for_all else effect.joint, values))
+                out.append(Hidden(effect.effect, int(joint["joint"]) if is_for_all else effect.joint, values))
         if len(out) == before:
             at = "none of the joints carries" if is_for_all else f"joint {effect.joint} does not carry"
             what = f"{at} weight, and {effect.effect} follows the weight"
@@ -284,20 +268,16 @@ def parse(text: str, robot: Robot) -> Hidden:
         choice = read_choice(text, robot, "--hide")
     except ModelError as wrong:
         raise ModelError("hide-wrong", wrong.what, place, wrong.mend) from None
-    name, law = choice.effect, LAWS.get(choice.effect)
-    keys = KEYS.get(name, ())
+    name, law, keys = choice.effect, LAWS.get(choice.effect), KEYS.get(choice.effect, ())
+    mends = {}
     if law is None:
-        what = f"{name!r} is no effect that simulate can hide"
-        raise ModelError("hide-wrong", what, place, did_you_mean(name, LAWS, f"known: {', '.join(LAWS)}"))
-    what = mend = ""
-    if law.is_of_arm and choice.joint is not None:
-        what, mend = f"{name} belongs to the whole arm", f"--hide {name}"
-    for key, value in choice.shape.items():
+        mends[f"{name!r} is no effect that simulate can hide"] = did_you_mean(name, LAWS, f"known: {', '.join(LAWS)}")
+    elif law.is_of_arm and choice.joint is not None:
+        mends[f"{name} belongs to the whole arm"] = f"--hide {name}"
+    for key, value in choice.shape.items() if law else ():
         if key not in keys:
-            what, mend = f"{name} has no value {key!r}", did_you_mean(key, keys, f"known: {', '.join(keys)}")
+            mends[f"{name} has no value {key!r}"] = did_you_mean(key, keys, f"known: {', '.join(keys)}")
         elif not abs(value) <= GREATEST:
-            what = f"{key} is {value}, not a finite number up to {GREATEST:g}"
-            mend = f"give a smaller number for {key}"
-    if what:
-        raise ModelError("hide-wrong", what, place, mend)
+            mends[f"{key} is {value}, not a finite number up to {GREATEST:g}"] = f"give a smaller number for {key}"
+    refuse([ModelError("hide-wrong", what, place, mend) for what, mend in mends.items()])
     return Hidden(name, choice.joint, dict(choice.shape))

@@ -16,7 +16,6 @@ from pumaid.simulation.hidden_effects import (
     Hidden,
     JointState,
     Kind,
-    Typical,
     added,
     sized,
     values_of,
@@ -318,8 +317,8 @@ class Truth:
         size = np.full(self.robot.n_joints, float(std))
         return replace(self, noise=replace(self.noise, std=size) if std > 0 else Noise(size))
 
-    def typical(self) -> tuple[Typical, ...]:
-        """What is usual of every joint: of its friction, its speeds, and its loads over many postures."""
+    def typical(self) -> tuple[dict[str, float], ...]:
+        """What is usual of every joint: its number, friction (A), what a plan asks of it (SI), and its loads (A)."""
         robot, coulomb = self.robot, self.coulomb
         low, high = np.array([span(joint) for joint in robot.joints]).T
         rng = np.random.default_rng(0)
@@ -328,15 +327,16 @@ class Truth:
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
         across = side_load(robot, self.links, postures) * np.abs(self.gain)
         table = {
+            "joint": np.arange(1.0, len(low) + 1.0),
             "coulomb": coulomb,
+            "coulomb_before": np.append(coulomb[1:2], coulomb)[: len(low)],
             "speed": np.minimum(highest_speeds(robot), np.where(robot.is_revolute, QUICKEST_TURN, QUICKEST_SLIDE)),
             "acceleration": accelerations(robot),
             "half_span": 0.5 * (high - low),
             "load": np.sqrt(np.mean(load**2, axis=0)),
             "peak_load": np.max(np.abs(load), axis=0),
             "across": np.sqrt(np.mean(across**2, axis=0)),
-            "coulomb_before": coulomb[np.where(np.arange(len(low)) > 0, np.arange(len(low)) - 1, min(1, len(low) - 1))],
             "last_mass": np.full(len(low), self.links.mass[-1]),
             "reach": np.full(len(low), float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0),
         }
-        return tuple(Typical(j + 1, **{name: float(row[j]) for name, row in table.items()}) for j in range(len(low)))
+        return tuple({name: float(row[j]) for name, row in table.items()} for j in range(len(low)))
