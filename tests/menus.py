@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.design.candidate_runs import free_blocks, postures, speeds, sweeps
 from pumaid.design.collision import Collision
 from pumaid.design.information import CandidateInformation, candidate_information, existing_names
-from pumaid.design.prior import Prior, Setup, prior_robots
+from pumaid.design.prior import Prior, prior_robots
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
@@ -27,7 +27,7 @@ def arm(name: str) -> Robot:
 @cache
 def prior(name: str, seed: int = 1) -> Prior:
     """Robots drawn from a shipped recipe."""
-    return prior_robots(arm(name), estimate=None, setup=Setup(), seed=seed)
+    return prior_robots(arm(name), seed=seed)
 
 
 def names(robot: Robot) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ import rich_click as click
 from pumaid.cli.output import content, document, notes, table, write_picture
 
 if TYPE_CHECKING:
-    from pumaid.design.prior import Setup
     from pumaid.robot import Robot
     from pumaid.trajectory import Plan
 
@@ -20,7 +19,7 @@ PLAN_FORMS = ("yaml", "csv", "urscript", "ros2")
 #: Notes that ask for attention where a given plan is checked.
 ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
 #: Options that shape a whole plan.
-SHAPES = ("minutes", "speeds", "postures", "replicates", "criterion")
+SHAPES = ("minutes", "speeds", "postures", "replicates")
 #: Option -> the one without which it means nothing.
 NEEDS = {"against": "for", "size": "for", "logs": "for"}
 #: Two options, the second one of several, that do not go together, and why.
@@ -28,13 +27,13 @@ EXCLUDES = (
     ("check", ("for",), "--check looks at a plan; --for makes one"),
     ("check", SHAPES, "--check looks at a plan; it has its time, speeds and passes"),
     ("logs", SHAPES, "--for with --logs adds runs; options of a whole plan have no use"),
-    ("for", ("payload", "tilt"), "--for plans for the bare arm"),
+    ("for", ("payload",), "--for plans for the bare arm"),
 )
 
 
 def refuse_contradictions(options: dict[str, Any]) -> None:
     """Refuse options (name -> value) of which one needs another that is missing, or that do not go together."""
-    given = {name for name, value in options.items() if value not in (None, (), "geometric")}
+    given = {name for name, value in options.items() if value not in (None, ())}
     wrong = [f"--{name} goes with --{other}" for name, other in NEEDS.items() if name in given and other not in given]
     wrong += [reason for name, rivals, reason in EXCLUDES if name in given and given & set(rivals)]
     if given >= {"size", "against", "logs"}:
@@ -60,9 +59,7 @@ def numbers(count: int | None = None) -> Callable[..., tuple[float, ...] | None]
     return read
 
 
-def make_plan(
-    robot: Robot, recipe: Path | None, *, options: dict[str, Any], setup: Setup, tell: Callable[[str], None]
-) -> Plan:
+def make_plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design.plan import check_plan, plan
     from pumaid.diagnosis.discrimination import plan_for_effect
@@ -74,11 +71,11 @@ def make_plan(
     prior = None if options["prior"] is None else Experiment(recipe=recipe).model(options["prior"])
     shared: dict[str, Any] = {"prior": prior, "seed": options["seed"], "tell": tell}
     if given is not None:
-        return check_plan(robot, given, setup=setup, **shared)
+        return check_plan(robot, given, payload=options["payload"], **shared)
 
     def whole() -> Plan:
         shapes = {name: options[name] for name in SHAPES if name != "postures"}
-        return plan(robot, postures_per_joint=options["postures"], setup=setup, **shapes, **shared)
+        return plan(robot, postures_per_joint=options["postures"], payload=options["payload"], **shapes, **shared)
 
     if options["for"] is None:
         return whole()

@@ -9,8 +9,6 @@ import numpy as np
 from pumaid.design.information import CandidateInformation
 from pumaid.maths import Counts, Flags, Floats
 
-#: Criteria by name, with the power by which large errors count; 0 is the geometric mean.
-POWERS = {"geometric": 0.0, "worst": 12.0}
 #: Scaled information below this is rounding.
 _RIDGE = 1e-9
 #: Scores within this share of the best are equal, so that rounding does not decide between two candidates.
@@ -31,35 +29,25 @@ def rounded(scores: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Criterion:
-    """Logarithm of a mean of standard errors, averaged over prior robots; smaller is better.
+    """Logarithm of the geometric mean of standard errors, averaged over prior robots; smaller is better.
 
     Source
     ------
-    F. Pukelsheim, Optimal Design of Experiments, ch. 6 and 7 (both means are convex in the information).
+    F. Pukelsheim, Optimal Design of Experiments, ch. 6 and 7 (D-optimality but for correlations).
     """
 
-    power: float  # 0: the geometric mean (D-optimality but for correlations); large: nearly the worst error
     size: Floats  # (p,) typical size of each parameter
     counted: Flags  # (p,) which parameters count
 
     def value(self, information: Floats) -> Floats:
         """(...) for information (..., G, p, p) of G robots."""
         logs = np.log(self.errors(information) / self.size)[..., self.counted]
-        if self.power == 0.0:
-            return np.asarray(logs.mean(axis=(-1, -2)))
-        top = logs.max(axis=-1)
-        spread = np.mean(np.exp(self.power * (logs - top[..., None])), axis=-1)
-        return np.asarray((top + np.log(spread) / self.power).mean(axis=-1))
+        return np.asarray(logs.mean(axis=(-1, -2)))
 
     def slope(self, information: Floats) -> Floats:
         """(G, p, p): more information M lowers the value by half the sum of the products of its elements with M's."""
-        inverse = _inverse(information)
+        inverse, share = _inverse(information), self.counted / np.count_nonzero(self.counted)
         variance = np.einsum("gpp->gp", inverse)
-        logs = 0.5 * np.log(variance) - np.log(self.size)
-        # What does not count may be unknown without end; its weight is kept from overflowing before it is left out.
-        share = np.exp(self.power * np.minimum(logs - logs[:, self.counted].max(axis=-1, keepdims=True), 0.0))
-        share *= self.counted
-        share /= share.sum(axis=-1, keepdims=True)
         return np.asarray(inverse @ ((share / variance)[..., None] * inverse)) / len(information)
 
     def errors(self, information: Floats) -> Floats:
@@ -93,20 +81,18 @@ def continuous_design(
     S. D. Silvey, D. M. Titterington and B. Torsney, Communications in Statistics A 7 (1978) 1379-1389; the bound is
     that of a convex function by its slopes.
     """
-    longer = 2 if criterion.power else 1
-    stride = _STRIDE * 4.0 / (4.0 + criterion.power)  # larger steps would overshoot
     active, part = np.arange(len(candidates)), candidates
     counts = np.full(len(candidates), total / float(np.sum(candidates.seconds)))
-    for step in range(longer * steps):
-        if step in [longer * number for number in _SORTED]:
+    for step in range(steps):
+        if step in _SORTED:
             spent = counts * part.seconds
             is_used = spent > _IDLE * spent.mean()
             active, counts = active[is_used], counts[is_used]
             part = candidates.only(active)
         rate = np.maximum(part.products(criterion.slope(part.information(counts))), 0.0) / part.seconds * total
-        if rate.max() < 1.0 + 2.0 * _NEAR and step > longer * _SORTED[-1]:
+        if rate.max() < 1.0 + 2.0 * _NEAR and step > _SORTED[-1]:
             break
-        counts = counts * rate**stride
+        counts = counts * rate**_STRIDE
         counts *= total / np.sum(counts * part.seconds)
     whole = np.zeros(len(candidates))
     whole[active] = counts

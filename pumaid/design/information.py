@@ -28,9 +28,8 @@ _FRICTION = (("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("v
 
 def gravity_names(robot: Robot) -> tuple[str, ...]:
     """Names of all gravity parameters and gain ratios of neighbours, also of those that the arm cannot show."""
-    gravity, names = catalogue()["gravity"], list[str]()
-    for joint in robot.joints:
-        names += [f"gravity.l{joint.number}.{part.name}" for part in gravity.parameters(robot, joint.number)]
+    parts = {joint.number: catalogue()["gravity"].parameters(robot, joint.number) for joint in robot.joints}
+    names = [f"gravity.l{number}.{part.name}" for number, listed in parts.items() for part in listed]
     return (*names, *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
 
 
@@ -42,8 +41,7 @@ def absent_names(structure: Structure) -> dict[str, str]:
 
 def existing_names(robot: Robot, structure: Structure) -> tuple[str, ...]:
     """Gravity parameters and gain ratios that the arm has."""
-    absent = absent_names(structure)
-    return tuple(name for name in gravity_names(robot) if name not in absent)
+    return tuple(name for name in gravity_names(robot) if name not in absent_names(structure))
 
 
 def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.design.collision import Collision
-from pumaid.design.exchange import POWERS
 from pumaid.design.information import RATE, absent_names, parameter_names, predicted_errors
-from pumaid.design.planner import POSTURES, SPEEDS, Planner, Request
-from pumaid.design.prior import Prior, Setup
+from pumaid.design.planner import POSTURES, SPEEDS, Planner
+from pumaid.design.prior import Payload, Prior, prior_robots
 from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
 from pumaid.preprocessing.options import DEFAULTS
@@ -32,9 +31,8 @@ def plan(
     speeds: Sequence[float] | None = None,
     postures_per_joint: int | None = None,
     replicates: int | None = None,
-    criterion: str = "geometric",
     prior: Estimate | None = None,
-    setup: Setup | None = None,
+    payload: Payload | None = None,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Plan:
@@ -49,16 +47,14 @@ def plan(
         The arm; time that it may take, moves included, about four a joint where not given.
     speeds, postures_per_joint, replicates
         Shares (0..1] of each joint's top speed, three or more; at least so many postures; passes over the arm.
-    criterion
-        ``"geometric"``: the geometric mean of the errors; ``"worst"``: nearly the worst, as a share of its usual size.
-    prior, setup, seed, tell
-        An earlier model of the arm, else several robots drawn from the geometry are planned for at once; tilt, payload;
-        same seed, same plan; called with a word on what is done.
+    prior, payload, seed, tell
+        An earlier model of the arm, else several robots drawn from the geometry are planned for at once; kg, x, y, z
+        (m) of what the last link carries; same seed, same plan; called with a word on what is done.
 
     Raises
     ------
     ModelError [plan-too-short], [plan-impossible], [plan-unsafe]
-        The least experiment takes longer; a number or criterion out of range; nothing can be run without a collision.
+        The least experiment takes longer; a number out of range; nothing can be run without a collision.
 
     Examples
     --------
@@ -66,12 +62,19 @@ def plan(
     >>> plan(table1.robot(), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'
     """
-    _check(minutes, speeds, {"postures": postures_per_joint, "replicates": replicates}, criterion)
-    seconds, shares = None if minutes is None else 60.0 * minutes, None if speeds is None else tuple(speeds)
-    request = Request(seconds, shares, postures_per_joint, replicates, criterion)
-    planner = Planner(robot, request, estimate=prior, setup=setup or Setup(), seed=seed, tell=tell)
+    _check(minutes, speeds, {"postures": postures_per_joint, "replicates": replicates})
+    planner = Planner(
+        robot,
+        seconds=None if minutes is None else 60.0 * minutes,
+        shares=speeds,
+        postures=postures_per_joint,
+        passes=replicates,
+        prior=prior_robots(robot, estimate=prior, payload=payload, seed=seed),
+        seed=seed,
+        tell=tell,
+    )
     made = planner.plan()
-    return _with_forecast(made, planner, lack_notes(planner.robot, made))
+    return _with_forecast(made, planner, lack_notes(robot, made))
 
 
 def check_plan(
@@ -79,7 +82,7 @@ def check_plan(
     given: Plan,
     *,
     prior: Estimate | None = None,
-    setup: Setup | None = None,
+    payload: Payload | None = None,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Plan:
@@ -87,9 +90,9 @@ def check_plan(
 
     Other parameters are those of `plan`.
     """
-    request = Request(duration(robot, given))
-    planner = Planner(robot, request, estimate=prior, setup=setup or Setup(), seed=seed, tell=tell)
-    checked = _with_forecast(given, planner, [*collision_notes(planner.robot, given), *lack_notes(robot, given)])
+    assumed = prior_robots(robot, estimate=prior, payload=payload, seed=seed)
+    planner = Planner(robot, seconds=duration(robot, given), prior=assumed, seed=seed, tell=tell)
+    checked = _with_forecast(given, planner, [*collision_notes(robot, given), *lack_notes(robot, given)])
     notes, absent = checked.notes, absent_names(planner.structure)
     if dark := [name for name in checked.unseen if name not in absent]:
         mend = "add postures in which the outer links' load differs, or other speeds; compare with: pumaid plan"
@@ -99,21 +102,19 @@ def check_plan(
 
 def _with_forecast(bare: Plan, planner: Planner, notes: Sequence[Note]) -> Plan:
     """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
-    promised, arm = predicted_errors(planner.truths, bare.motions, planner.names), planner.robot
+    promised, arm = predicted_errors(planner.prior.robots, bare.motions, planner.names), planner.robot
     dark = [name for name in parameter_names(arm, planner.names) if name not in promised]
     return replace(
         bare,
         expected=promised,
         unseen={**absent_names(planner.structure), **dict.fromkeys(dark, "no run of this plan shows it")},
         duration=duration(arm, bare),
-        assumptions=(*planner.setup.sentences(), *planner.prior.sentences, *conditions(arm)),
+        assumptions=(*planner.prior.sentences, *conditions(arm)),
         notes=(*notes, *unusable_notes(arm, bare), *weight_notes(planner.prior, promised), *tilt_notes(planner)),
     )
 
 
-def _check(
-    minutes: float | None, shares: Sequence[float] | None, counts: dict[str, int | None], criterion: str
-) -> None:
+def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[str, int | None]) -> None:
     """Refuse numbers out of range, all at once."""
     faults = []
     if minutes is not None and not 0.0 < minutes <= _LONGEST:
@@ -128,8 +129,6 @@ def _check(
     for what, count in counts.items():
         if count is not None and not 1 <= count <= _MOST:
             faults.append((f"{count} {what} are out of range", f"give 1 to {_MOST}"))
-    if criterion not in POWERS:
-        faults.append((f"{criterion!r} is no criterion", f"known: {', '.join(POWERS)}"))
     refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 
@@ -165,7 +164,7 @@ def tilt_notes(planner: Planner) -> list[Note]:
         return []
     text = (
         f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical. With"
-        " the base tilted they can: --tilt 10,0 plans for 10 deg about the base's x axis"
+        " the base tilted by some 10 deg they can: plan and identify with a recipe whose gravity says so"
     )
     return [Note("plan-needs-tilt", text, Where(joint=first.number))]
 

@@ -13,7 +13,6 @@ import numpy as np
 from pumaid.design.candidate_runs import SHARES, Block, Sweep, free_blocks, home, postures, speeds, sweeps
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import (
-    POWERS,
     ContinuousDesign,
     Criterion,
     Exchange,
@@ -22,10 +21,9 @@ from pumaid.design.exchange import (
     rounded,
 )
 from pumaid.design.information import CandidateInformation, candidate_information, existing_names
-from pumaid.design.prior import Setup, prior_robots
+from pumaid.design.prior import Prior
 from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
-from pumaid.estimate import Estimate
 from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
 from pumaid.structure import minimal
@@ -58,17 +56,6 @@ _CARRIES = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """What a user asks for; None where the planner decides."""
-
-    seconds: float | None = None  # of the robot, moves included
-    shares: tuple[float, ...] | None = None  # speeds as shares of each joint's top speed
-    postures: int | None = None  # of a joint
-    passes: int | None = None  # how often the arm is gone through
-    criterion: str = "geometric"  # a key of `pumaid.design.exchange.POWERS`
-
-
-@dataclass(frozen=True, slots=True)
 class Coverage:
     """How much every joint gets at least."""
 
@@ -88,29 +75,32 @@ COVERAGES = (Coverage(4, 4, 0.4), Coverage(4, 2, 0.4), Coverage(4, 1, 0.9), Cove
 
 
 class Planner:
-    """Makes plans for one arm as it stands in its setup; the same seed makes the same plan.
+    """Makes plans for one arm, which may be any of the prior robots; the same seed makes the same plan.
 
-    `names` are the gravity parameters and ratios that the arm has, `truths` the robots that it may be.
+    `seconds` are those of the robot, moves included, `shares` speeds as shares of each joint's top speed, `postures`
+    those of a joint, `passes` how often the arm is gone through; None where the planner decides. `names` are the
+    gravity parameters and ratios that the arm has.
     """
 
     def __init__(
         self,
         robot: Robot,
-        request: Request,
         *,
-        estimate: Estimate | None,
-        setup: Setup,
+        prior: Prior,
         seed: int,
         tell: Callable[[str], None],
+        seconds: float | None = None,
+        shares: Sequence[float] | None = None,
+        postures: int | None = None,
+        passes: int | None = None,
     ) -> None:
-        self.robot, self.request, self.setup, self.seed, self.tell = setup.robot(robot), request, setup, seed, tell
-        self.structure = minimal(self.robot)
-        self.prior = prior_robots(self.robot, estimate=estimate, setup=setup, seed=seed)
-        self.truths, self.names = self.prior.robots, existing_names(self.robot, self.structure)
-        self.collision = Collision(self.robot)
+        self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
+        self.seconds, self.shares, self.postures, self.passes = seconds, shares, postures, passes
+        self.structure, self.collision = minimal(robot), Collision(robot)
+        self.names = existing_names(robot, self.structure)
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
-        shares = sorted(request.shares or SHARES)
+        shares = sorted(shares or SHARES)
         blocks, self.judging = list[Block](), list[Block]()
         for joint in range(1, self.robot.n_joints + 1):
             parts = self._free(joint, shares, rng)
@@ -124,14 +114,13 @@ class Planner:
                 self.judging.append(Block(hold, tuple(chosen.values()), "heldout"))
                 parts = [part for part in parts if part[0].hold != hold or len(parts) <= POSTURES]
             blocks += [block for part in parts for block in part]
-        self.candidates = candidate_information(self.truths, blocks, names=self.names)
+        self.candidates = candidate_information(prior.robots, blocks, names=self.names)
         pace = MOVE_SHARE * highest_speeds(self.robot)
         away = np.abs(np.array([block.hold for block in blocks]) - home(self.robot)) / pace
         self._away = _OPENING * (np.max(away, axis=1) + RAMP_TIME)
         sizes = self.prior.typical_sizes()
         self.sizes = np.array([sizes[name] for name in self.candidates.names])
-        self.hopeless: tuple[str, ...] = ()
-        self.criterion = Criterion(POWERS[request.criterion], self.sizes, np.ones(len(self.sizes), dtype=bool))
+        self.criterion = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
 
     def plan(self) -> Plan:
         """The plan that is asked for, without what it promises.
@@ -142,9 +131,9 @@ class Planner:
             The least experiment that shows everything takes longer.
         """
         self.tell("choosing runs")
-        coverages, request = self._coverages(), self.request
+        coverages = self._coverages()
         usual = coverages[1]
-        budget = request.seconds or max(
+        budget = self.seconds or max(
             _USUAL * self.robot.n_joints, usual.rounds * self._seconds(self._cover(usual)) / usual.share
         )
         optimum = self._optimum(budget)
@@ -176,7 +165,7 @@ class Planner:
         if seconds <= 0.0:
             return None
         bound = self._optimum(seconds).bound
-        counted = [name for name in self.candidates.names if name not in self.hopeless]
+        counted = np.array(self.candidates.names)[self.criterion.counted].tolist()
         if any(name not in promised for name in counted):
             return None
         errors = np.log([promised[name] for name in counted]) - np.log(self.sizes[self.criterion.counted])
@@ -184,7 +173,7 @@ class Planner:
 
     def _free(self, joint: int, shares: Sequence[float], rng: np.random.Generator) -> list[list[Block]]:
         """Candidates of a joint in each of many postures in which it can run."""
-        count, robot = max(_DRAWN, (self.request.postures or 0) + 1), self.robot
+        count, robot = max(_DRAWN, (self.postures or 0) + 1), self.robot
         varied = list(range(1, robot.n_joints + 1))
         drawn = count if self.collision.is_free else _MORE * count
         holds = postures(robot, joint, varied=varied, count=drawn, rng=rng)
@@ -205,26 +194,21 @@ class Planner:
 
     def _optimum(self, budget: float) -> ContinuousDesign:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
-        # By the geometric mean: the worst of what stays unknown would take the time of all others.
-        plain = Criterion(0.0, self.sizes, np.ones(len(self.sizes), dtype=bool))
-        optimum = continuous_design(self.candidates, plain, budget)
-        errors = plain.errors(self.candidates.information(optimum.counts))
+        whole = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
+        optimum = continuous_design(self.candidates, whole, budget)
+        errors = whole.errors(self.candidates.information(optimum.counts))
         counted = np.median(errors, axis=0) <= self.sizes
-        counted |= not counted.any()
-        self.hopeless = tuple(np.array(self.candidates.names)[~counted].tolist())
-        if not self.hopeless and self.criterion.power == 0.0:
-            return optimum
-        self.criterion = replace(self.criterion, counted=counted)
-        return continuous_design(self.candidates, self.criterion, budget)
+        self.criterion = replace(whole, counted=counted | (not counted.any()))
+        return optimum if counted.all() else continuous_design(self.candidates, self.criterion, budget)
 
     def _coverages(self) -> list[Coverage]:
         """What every joint may get at least, the most first."""
-        request, many = self.request, 2
-        if request.seconds is not None:
-            many = int(np.clip(round(request.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
-        passes = request.passes or many
-        out = [replace(item, postures=request.postures or item.postures, passes=passes) for item in COVERAGES]
-        return out if request.passes else [*out, replace(out[-1], passes=1)]
+        many = 2
+        if self.seconds is not None:
+            many = int(np.clip(round(self.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
+        passes = self.passes or many
+        out = [replace(item, postures=self.postures or item.postures, passes=passes) for item in COVERAGES]
+        return out if self.passes else [*out, replace(out[-1], passes=1)]
 
     def _exchange(self, candidates: CandidateInformation, away: Floats, budget: float) -> Exchange:
         objective = PlanObjective(candidates, self.criterion)
@@ -238,7 +222,7 @@ class Planner:
 
     def _cover(self, coverage: Coverage) -> Counts:
         """(L,) how often each candidate is made in a round of a coverage, in the postures that tell most."""
-        table, usual = self.candidates, self.request.seconds or _USUAL * self.robot.n_joints
+        table, usual = self.candidates, self.seconds or _USUAL * self.robot.n_joints
         even = np.full(len(table), _BACKGROUND * usual / float(np.sum(table.seconds)))
         information, counts = table.information(even), np.zeros(len(table), dtype=np.int64)
         # A share of the time is half that share of the criterion, a logarithm.
@@ -266,7 +250,7 @@ class Planner:
         *rising, fast = sorted({sweep.speed for sweep in ways})
         half = (len(rising) + 1) // 2
         slower = [speed for k in range(half) for speed in rising[k::half]]  # so that a few of them lie far apart
-        count = math.ceil(((len(rising) + 1 if self.request.shares else SPEEDS) - 1) / coverage.postures)
+        count = math.ceil(((len(rising) + 1 if self.shares else SPEEDS) - 1) / coverage.postures)
         fastest = [sweep for sweep in ways if sweep.speed == fast]
         widest = max(round(sweep.high - sweep.low, 9) for sweep in fastest)
         tours = [sweep for sweep in fastest if round(sweep.high - sweep.low, 9) == widest]

@@ -1,10 +1,8 @@
-"""What is assumed of an arm before it is measured: random robots of its geometry or an earlier model, and its setup."""
+"""What is assumed of an arm before it is measured: random robots of its geometry or an earlier model, and a payload."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
@@ -12,7 +10,7 @@ from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.random_robot import draw
 from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants
-from pumaid.units import factor, number
+from pumaid.units import number
 
 #: Random robots for which a plan is made where no model is given.
 DRAWN = 4
@@ -22,67 +20,20 @@ NOISE = 0.02
 _HEAVIEST, _FARTHEST = 1e5, 100.0
 
 
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """How the arm stands during the experiment; numbers out of range are refused (plan-impossible)."""
-
-    tilt: tuple[float, float] | None = None  # rad about the base's x axis, then about the y axis that it had upright
-    payload: tuple[float, float, float, float] | None = None  # kg; x, y, z (m) of its centre in the last link's frame
-
-    def __post_init__(self) -> None:
-        if self.tilt is not None and not all(map(math.isfinite, self.tilt)):
-            raise ModelError("plan-impossible", f"a tilt of {self.tilt} is not finite", mend="give two angles")
-        if self.payload is None:
-            return
-        mass, *at = self.payload
-        if not (0.0 < mass <= _HEAVIEST and max(map(abs, at)) <= _FARTHEST):
-            what = f"a payload of {mass:g} kg at ({', '.join(f'{x:g}' for x in at)}) m is out of range"
-            mend = f"give a mass above 0 and up to {_HEAVIEST:g} kg, and at most {_FARTHEST:g} m along each axis"
-            raise ModelError("plan-impossible", what, mend=mend)
-
-    def robot(self, robot: Robot) -> Robot:
-        """The arm with gravity in the axes of its tilted base."""
-        if self.tilt is None:
-            return robot
-        turned = Rotation.from_euler("xy", self.tilt).inv().apply(robot.gravity)
-        a, b, c = (round(float(part), 9) + 0.0 for part in turned)
-        return replace(robot, gravity=(a, b, c))
-
-    def loaded(self, truth: Truth) -> Truth:
-        """A prior robot with the payload in its hand."""
-        if self.payload is None:
-            return truth
-        mass, *at = self.payload
-        n, bare = truth.robot.n_joints, truth.constants
-        last = Links(np.append(np.zeros(n - 1), mass), np.vstack([np.zeros((n - 1, 3)), at]))
-        more = constants(truth.robot, last, _gain(truth))
-        loaded = Constants(bare.x + more.x, bare.y + more.y, bare.mass + more.mass, bare.ratio)
-        return truth.with_constants(loaded)
-
-    def sentences(self) -> tuple[str, ...]:
-        """What must be done before the plan is run."""
-        out = []
-        if self.tilt is not None:
-            x, y = (number(part / factor("deg"), 3) for part in self.tilt)
-            out.append(
-                f"The base stands tilted by {x} deg about its x and {y} deg about its y axis; identify these runs with"
-                " a recipe whose gravity says so."
-            )
-        if self.payload is not None:
-            mass, *at = (number(part, 3) for part in self.payload)
-            out.append(
-                f"The last link carries {mass} kg at ({', '.join(at)}) m of its frame; gravity parameters are those of"
-                " the arm with it, ratios those of the bare arm."
-            )
-        return tuple(out)
+#: kg; x, y, z (m) of its centre in the last link's frame.
+Payload = tuple[float, float, float, float]
 
 
-def _gain(truth: Truth) -> Floats:
-    """(J,) A/(N m) or A/N; where only constants in A are known, the last motor's is a usual one."""
-    if truth.given_constants is None:
-        return truth.gain
-    last = np.copysign(draw(truth.robot, 0).gain[-1], truth.friction.coulomb_plus[-1])
-    return np.asarray(last * np.append(np.cumprod(truth.constants.ratio[::-1])[::-1], 1.0))
+def loaded(truth: Truth, payload: Payload) -> Truth:
+    """A prior robot with the payload in its hand; where only constants in A are known, the last gain is a usual one."""
+    mass, *at = payload
+    n, bare, gain = truth.robot.n_joints, truth.constants, truth.gain
+    if truth.given_constants is not None:
+        usual = np.copysign(draw(truth.robot, 0).gain[-1], truth.friction.coulomb_plus[-1])
+        gain = usual * np.append(np.cumprod(bare.ratio[::-1])[::-1], 1.0)
+    last = Links(np.append(np.zeros(n - 1), mass), np.vstack([np.zeros((n - 1, 3)), at]))
+    more = constants(truth.robot, last, gain)
+    return truth.with_constants(Constants(bare.x + more.x, bare.y + more.y, bare.mass + more.mass, bare.ratio))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -101,8 +52,13 @@ class Prior:
         return {name: max(value, 0.1 * largest[name.split(".")[0]]) or 1.0 for name, value in median.items()}
 
 
-def prior_robots(robot: Robot, *, estimate: Estimate | None, setup: Setup, seed: int) -> Prior:
-    """Robots to plan for, with the payload of `setup`: that of an earlier model, else several of the arm's geometry."""
+def prior_robots(
+    robot: Robot, *, estimate: Estimate | None = None, payload: Payload | None = None, seed: int = 0
+) -> Prior:
+    """Robots to plan for, with a payload: that of an earlier model, else several of the arm's geometry.
+
+    Raises ModelError (plan-impossible) where the payload is out of range.
+    """
     if estimate is not None:
         prior = robot_of_estimate(robot, estimate)
     else:
@@ -112,7 +68,18 @@ def prior_robots(robot: Robot, *, estimate: Estimate | None, setup: Setup, seed:
             f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
         )
         prior = Prior(tuple(replace(draw(robot, number), noise=noise) for number in seeds), sentences)
-    return replace(prior, robots=tuple(setup.loaded(truth) for truth in prior.robots))
+    if payload is None:
+        return prior
+    mass, *at = (number(part, 3) for part in payload)
+    if not (0.0 < payload[0] <= _HEAVIEST and max(map(abs, payload[1:])) <= _FARTHEST):
+        what = f"a payload of {mass} kg at ({', '.join(at)}) m is out of range"
+        mend = f"give a mass above 0 and up to {_HEAVIEST:g} kg, and at most {_FARTHEST:g} m along each axis"
+        raise ModelError("plan-impossible", what, mend=mend)
+    sentence = (
+        f"The last link carries {mass} kg at ({', '.join(at)}) m of its frame; gravity parameters are those of the arm"
+        " with it, ratios those of the bare arm."
+    )
+    return Prior(tuple(loaded(truth, payload) for truth in prior.robots), (sentence, *prior.sentences))
 
 
 def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:

@@ -14,7 +14,7 @@ from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.design.candidate_runs import Block, Sweep, free_blocks, home, postures, speeds, sweeps, top_speed
 from pumaid.design.collision import Collision
 from pumaid.design.exchange import Exchange
-from pumaid.design.prior import Setup, prior_robots
+from pumaid.design.prior import prior_robots
 from pumaid.diagnosis.candidates import Suspect, grid_of
 from pumaid.diagnosis.records import Finding
 from pumaid.diagnosis.score_test import ScoreTest, refine_shape, scores_at
@@ -104,7 +104,7 @@ def plan_for_effect(
         arm_wide = known_effect(against.effect, Where(field=f"--against {against.effect}")).scope is Scope.ARM
         joint = against.joint if against.joint is not None or arm_wide else effect.joint
         rival = at_one_joint(replace(against, joint=joint), robot, "--against")
-    truth = prior_robots(robot, estimate=prior, setup=Setup(), seed=seed).robots[0]
+    truth = prior_robots(robot, estimate=prior, seed=seed).robots[0]
     hidden = usual(truth, effect, size)
     if dataset is None:
         if whole is None:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedSeq
 
 from pumaid.errors import RecipeError, Where
 from pumaid.io.forms import MAX_BYTES, file_name, nearest, parsed_yaml, read_bytes, shown, validated
@@ -209,17 +206,3 @@ def recipe_text(origin: str, *, joints: Sequence[str], **parts: Any) -> str:
     )  # plain text
     ones = ", ".join(["1"] * len(joints))
     return environment.get_template("recipe.yaml.txt").render(origin=origin, joints=joints, ones=ones, **parts)
-
-
-def with_gravity(path: Path, gravity: tuple[float, float, float]) -> str:
-    """A recipe's text with its gravity (m/s2, in base axes) replaced; comments and order stay."""
-    yaml = YAML(typ="rt")
-    yaml.preserve_quotes = True
-    yaml.width = 4096
-    content = yaml.load(path.read_text(encoding="utf-8"))
-    values = CommentedSeq(gravity)
-    values.fa.set_flow_style()
-    content["gravity"] = values
-    out = io.StringIO()
-    yaml.dump(content, out)
-    return out.getvalue()

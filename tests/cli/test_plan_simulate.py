@@ -7,14 +7,12 @@ import shutil
 import warnings
 from pathlib import Path
 
-import numpy as np
 import pytest
 from command import answer, run
 from menus import arm as shipped
 from menus import write_short_plan
 
 from pumaid.io.plan_file import plan_text, read_plan
-from pumaid.io.recipe import read_recipe
 from pumaid.simulation import table1
 
 #: The least work: a short plan of two joints.
@@ -65,19 +63,6 @@ def test_prior_is_a_model_of_this_arm(arm):
     """A model identified from logs is planned for."""
     assumed = answer(f"plan --prior results/model.json {LINE} -o next.yaml")["assumptions"]
     assert any("as of the earlier model" in sentence for sentence in assumed)
-
-
-def test_a_tilted_arm_is_rehearsed_by_its_recipe(folder):
-    """Beside the plan stands a recipe with gravity turned, not replaced unasked; its session can be run."""
-    run("plan", "--tilt", "10,0", *SHORT)
-    made = folder / "plan-recipe.yaml"
-    turned = 9.80665 * np.sin(np.radians([10.0, 80.0]))
-    assert read_recipe(made).gravity == pytest.approx((0.0, *-turned))
-    run("simulate", "plan-recipe.yaml", "--plan", "plan.yaml", "--rate", "10")
-    (folder / "plan.yaml").unlink()
-    made.write_text("mine")
-    assert "plan-recipe.yaml" in run("plan", "--tilt", "10,0", *SHORT, code=3).stderr
-    assert made.read_text() == "mine" and not (folder / "plan.yaml").exists()
 
 
 def test_runs_for_an_effect(folder):

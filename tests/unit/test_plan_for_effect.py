@@ -12,7 +12,7 @@ from menus import arm
 
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
-from pumaid.design.prior import Setup, prior_robots
+from pumaid.design.prior import prior_robots
 from pumaid.diagnosis.discrimination import plan_for_effect, rehearsed, solved_on, usual
 from pumaid.diagnosis.score_test import score_at
 from pumaid.effect_spec import EffectTerm
@@ -43,7 +43,7 @@ CASES = [
     ("turret", "tilt", None, 0.004),
 ]
 #: Ratio of gains of the turret's joints.
-WAIST = float(prior_robots(TURRET, estimate=None, setup=Setup(), seed=3).robots[0].constants.ratio[0])
+WAIST = float(prior_robots(TURRET, seed=3).robots[0].constants.ratio[0])
 #: Robots on which a promise is kept; none was looked at while the planner was made.
 SEEDS = range(6200, 6206)
 
@@ -57,7 +57,7 @@ def ground(name: str) -> Plan:
 def sized(name: str, effect: str, joint: int | None, size: float) -> Hidden:
     """An effect whose first parameter is `size`, others in proportion, shapes as usual."""
     robot, law = ARMS[name], catalogue()[effect]
-    truth = prior_robots(robot, estimate=None, setup=Setup(), seed=3).robots[0]
+    truth = prior_robots(robot, seed=3).robots[0]
     values = usual(truth, EffectChoice(effect, joint)).values
     shapes = {one.name for one in law.shapes(robot, joint or 0)}
     share = size / values[law.parameters(robot, joint or 0)[0].name]
@@ -67,7 +67,7 @@ def sized(name: str, effect: str, joint: int | None, size: float) -> Hidden:
 def statistic(name: str, hidden: Hidden, made: Plan, seed: int) -> float:
     """By how much the true effect lowers the square, in units of the noise's, where a robot hides it."""
     robot, law = ARMS[name], catalogue()[hidden.effect]
-    usual_one = prior_robots(robot, estimate=None, setup=Setup(), seed=3).robots[0]
+    usual_one = prior_robots(robot, seed=3).robots[0]
     # How strongly an upright joint feels a tilt is its ratio of gains: the promise is for this robot's.
     drawn = usual_one if hidden.effect == "tilt" else draw(robot, seed)
     truth = replace(drawn, hidden=(hidden,), noise=usual_one.noise)

@@ -1,4 +1,4 @@
-"""What is assumed of an arm: tilts and payloads against rotations and masses, earlier models at their word."""
+"""What is assumed of an arm: payloads against masses, earlier models at their word."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 from menus import arm, names
-from scipy.spatial.transform import Rotation
 
 from pumaid.dataset import Dataset
 from pumaid.design.information import predicted_errors
 from pumaid.design.plan import plan
-from pumaid.design.prior import Setup, robot_of_estimate
+from pumaid.design.prior import loaded, robot_of_estimate
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.io.recipe import read_recipe, shipped_recipes, with_gravity
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, draw, table1
 from pumaid.simulation.virtual_robot import Links
@@ -25,35 +23,14 @@ from pumaid.simulation.virtual_robot import Links
 TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))
 
 
-@pytest.mark.parametrize("tilt", [(0.3, 0.0), (0.0, -0.4), (0.25, 0.6), (np.pi, 0.0)])
-def test_gravity_is_turned_as_the_base_is_not(tilt):
-    """In base axes gravity is what scipy's inverse rotation makes of it: first about x, then about the upright y."""
-    robot = replace(TURRET, gravity=(0.5, -1.0, -9.7))
-    wanted = Rotation.from_euler("xy", tilt).inv().apply(robot.gravity)
-    assert Setup(tilt=tilt).robot(robot).gravity == pytest.approx(wanted, abs=1e-8)
-
-
 def test_a_tilt_shows_what_an_upright_base_hides():
-    """Upright a note says which tilt would show joint 1's weight; with it they are promised, and the note is gone."""
-    upright, tilted = plan(TURRET, seed=1), plan(TURRET, setup=Setup(tilt=(0.3, 0.0)), seed=1)
+    """Upright a note says that a tilt would show joint 1's weight; with it they are promised, and the note is gone."""
+    upright, tilted = plan(TURRET, seed=1), plan(replace(TURRET, gravity=(0.0, -2.9, -9.4)), seed=1)
     hidden = {"gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2"}
     assert hidden <= set(upright.unseen)
     assert "plan-needs-tilt" in [note.slug for note in upright.notes]
     assert hidden <= set(tilted.expected)
     assert "plan-needs-tilt" not in [note.slug for note in tilted.notes]
-    assert "tilted by 17.2 deg" in tilted.assumptions[0]
-
-
-def test_the_tilted_recipe_keeps_all_but_gravity(tmp_path):
-    """The text with another gravity is read as the same arm with that gravity, comments and all."""
-    path = tmp_path / "recipe.yaml"
-    text = "# mine\n" + shipped_recipes()["puma560"].read_text(encoding="utf-8")
-    path.write_text(text, encoding="utf-8")
-    wanted = Setup(tilt=(0.2, -0.1)).robot(arm("puma560"))
-    path.write_text(with_gravity(path, wanted.gravity), encoding="utf-8")
-    assert path.read_text(encoding="utf-8").startswith("# mine\n")
-    assert read_recipe(path).gravity == pytest.approx(wanted.gravity, abs=1e-9)
-    assert read_recipe(path).joints == wanted.joints
 
 
 @pytest.mark.parametrize("name", ["puma560", "stanford", "kinova_gen3", "pendulum2"])
@@ -65,11 +42,11 @@ def test_payload_is_part_of_the_last_link(name):
     centre[-1] = (truth.links.mass[-1] * centre[-1] + 0.5 * np.array([0.1, 0.02, -0.03])) / mass[-1]
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (20, truth.robot.n_joints))
     wanted = replace(truth, links=Links(mass, centre)).gravity_current(q)
-    setup, known = Setup(payload=(0.5, 0.1, 0.02, -0.03)), truth.with_constants(truth.constants)
-    assert setup.loaded(truth).gravity_current(q) == pytest.approx(wanted, abs=1e-9)
+    payload, known = (0.5, 0.1, 0.02, -0.03), truth.with_constants(truth.constants)
+    assert loaded(truth, payload).gravity_current(q) == pytest.approx(wanted, abs=1e-9)
     # The last motor's gain is then taken from another robot.
     share = draw(arm(name), 0).gain[-1] / truth.gain[-1]
-    added = setup.loaded(known).gravity_current(q) - truth.gravity_current(q)
+    added = loaded(known, payload).gravity_current(q) - truth.gravity_current(q)
     assert added == pytest.approx(abs(share) * (wanted - truth.gravity_current(q)), abs=1e-9)
 
 
@@ -79,14 +56,13 @@ def test_payload_shows_the_papers_last_ratio():
     runs = Bench(truth, table1.experiment(), rate=25.0).runs(np.random.default_rng(2))
     prior, name = identify(Dataset(runs), truth.robot), "gain_ratio.5.6"
     value = abs(robot_of_estimate(truth.robot, prior).robots[0].parameters()[name])
-    bare, loaded = (
-        plan(truth.robot, minutes=10, prior=prior, setup=Setup(payload=payload), seed=1)
-        for payload in (None, (0.5, 0.1, 0.0, 0.0))
+    bare, carrying = (
+        plan(truth.robot, minutes=10, prior=prior, payload=payload, seed=1) for payload in (None, (0.5, 0.1, 0.0, 0.0))
     )
     assert bare.expected[name] > 0.5 * value
     assert "--payload 0.5,0.1,0,0" in next(note.text for note in bare.notes if note.slug == "plan-needs-weight")
-    assert loaded.expected[name] < 0.05 * value
-    assert "plan-needs-weight" not in [note.slug for note in loaded.notes]
+    assert carrying.expected[name] < 0.05 * value
+    assert "plan-needs-weight" not in [note.slug for note in carrying.notes]
 
 
 @cache

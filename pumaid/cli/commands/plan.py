@@ -21,7 +21,6 @@ from pumaid.cli.planning import (
     refuse_contradictions,
 )
 
-_CRITERIA = click.Choice(["geometric", "worst"])
 _FORMS = click.Choice(PLAN_FORMS)
 
 
@@ -31,10 +30,8 @@ _FORMS = click.Choice(PLAN_FORMS)
 @click.option("--speeds", callback=numbers(), metavar="S,S,S", help="Shares of each joint's top speed, 3 or more.")
 @click.option("--postures", type=int, metavar="N", help="Postures a joint, at least. [default: 4]")
 @click.option("--replicates", type=int, metavar="N", help="Passes over the arm. [default: 2 or more]")
-@click.option("--criterion", type=_CRITERIA, default="geometric", metavar="MEAN", help="Of errors: geometric or worst.")
 @click.option("--prior", type=options.FILE, metavar="MODEL", help="Plan for the arm that this model describes.")
 @click.option("--payload", callback=numbers(4), metavar="KG,X,Y,Z", help="The last link carries KG at X,Y,Z (m).")
-@click.option("--tilt", callback=numbers(2), metavar="X,Y", help="Tilt of the base about x and y (deg).")
 @click.option("--for", metavar="EFFECT", help="Runs that show EFFECT[@JOINT].")
 @click.option("--against", metavar="EFFECT", help="With --for: runs that tell it from this.")
 @click.option("--size", type=float, metavar="A", help="With --for: its first parameter, SI.")
@@ -68,37 +65,28 @@ def command(
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.design.prior import Setup
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import PLAN_NAME
-    from pumaid.io.recipe import with_gravity
     from pumaid.io.write import refuse_to_replace, write_file
     from pumaid.trajectory import Plan
-    from pumaid.units import factor
 
     refuse_contradictions(asked)
-    given, tilt = asked["check"], asked["tilt"]
+    given = asked["check"]
     if given is not None and recipe is None:
         recipe = Experiment((str(given),)).recipe_path  # a plan lies beside its recipe
     experiment = Experiment(asked["logs"], recipe)
     robot = Experiment(recipe=recipe).robot
-    setup = Setup(None if tilt is None else tuple(angle * factor("deg") for angle in tilt), asked["payload"])
     path = output
     if given is None:
         formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
         path = output or (Experiment(recipe=recipe).folder / PLAN_NAME).with_suffix(plan_suffix(form))
-    is_new = path is not None and given is None
-    tilted = path.with_name(f"{path.stem}-recipe.yaml") if path and is_new and tilt is not None else None
     read = experiment.files(asked["prior"], given)
-    spare_inputs([path, tilted, picture], [file for file in read if file.name != PLAN_NAME or file == given])
-    for place in filter(None, [path, tilted] if not force else []):
-        refuse_to_replace(place)
+    spare_inputs([path, picture], [file for file in read if file.name != PLAN_NAME or file == given])
+    if path is not None and not force:
+        refuse_to_replace(path)
     with progress("planning") as step:
-        plan = make_plan(robot, recipe, options=asked, setup=setup, tell=lambda text: step(0.0, text))
+        plan = make_plan(robot, recipe, options=asked, tell=lambda text: step(0.0, text))
     is_piped = str(path) == "-"
-    if tilted and not is_piped:
-        write_file(tilted, with_gravity(Experiment(recipe=recipe).recipe_path, setup.robot(robot).gravity))
-        remark(f"recipe of the tilted arm written to {tilted}: simulate and identify these runs with it")
     if path is not None and not is_piped:
         write_file(path, formed(plan, robot, form))
         remark(f"plan written to {path}")
