@@ -7,10 +7,8 @@ import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -32,9 +30,8 @@ MAX_BYTES, MAX_JOINTS = 20_000_000, 50
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 FREE_FALL = 9.80665
-#: Decimals of lengths and angles; an angle this near to a multiple of 15 deg (rad), as the rounding of a URDF with
-#: nine decimals is, is written as that.
-DECIMALS, SNAP = 12, 2.5e-9
+#: Decimals of lengths and angles.
+DECIMALS = 12
 _GRIPPER = re.compile(r"grip|finger|jaw|claw|thumb", re.IGNORECASE)
 
 
@@ -66,14 +63,6 @@ class UrdfJoint:
             raise self.refusal(what, "lengths of a URDF are in m, angles in rad")
         return placement(xyz, rpy)
 
-    def axis(self) -> list[float]:
-        """Unit vector in the joint's frame; RecipeError [urdf-refused] where it has no direction."""
-        axis = self.numbers("axis", "xyz", "1 0 0")
-        size = math.hypot(*axis)
-        if not 1e-9 < size < math.inf:
-            raise self.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
-        return [value / size for value in axis]
-
     def numbers(self, tag: str, word: str, default: str, *, count: int = 3) -> list[float]:
         """Finite numbers of an attribute (a limit may be infinite); RecipeError [urdf-refused] where they are none."""
         text = _attribute(self.element, tag, word, default)
@@ -83,8 +72,7 @@ class UrdfJoint:
             values = []
         is_good = all(map(math.isfinite, values)) or (tag == "limit" and not math.isnan(values[0]))
         if len(values) != count or not is_good:
-            wanted = f"{count} finite numbers" if count > 1 else "a number"
-            what = f'{word}="{text[:60]}" of <{tag}> is not {wanted}'
+            what = f'{word}="{text[:60]}" of <{tag}> is not {count} finite number{"s" * (count > 1)}'
             raise self.refusal(what, "write them with a point, in m and rad")
         return values
 
@@ -93,48 +81,26 @@ class UrdfJoint:
         return RecipeError("urdf-refused", what[:200], Where(self.file, field=f"joint {self.name[:60]}"), mend)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class UrdfFile:
-    """A robot: its links by name, its joints in the file's order, the file and the SHA-256 of its bytes."""
+    """A robot: its links, carriers first, and its joints in the file's order.
+
+    By link, `carrier` is the joint that carries it, `carried` are those that it carries, and `reach` is how many moving
+    joints there are at most in one line outward of it. `digest` is the SHA-256 of the file's bytes.
+    """
 
     name: str
-    links: tuple[str, ...]
-    joints: tuple[UrdfJoint, ...]
     file: str
     digest: str
-
-    @cached_property
-    def carried(self) -> dict[str, list[UrdfJoint]]:
-        """Link -> the joints that it carries."""
-        carried: dict[str, list[UrdfJoint]] = {link: [] for link in self.links}
-        for joint in self.joints:
-            carried[joint.parent].append(joint)
-        return carried
-
-    @cached_property
-    def reach(self) -> dict[str, int]:
-        """Link -> the most moving joints in one line outward of it."""
-        reach: dict[str, int] = {}
-        for link in reversed(self.below(self.roots())):
-            reach[link] = max((reach[joint.child] + joint.moves for joint in self.carried[link]), default=0)
-        return reach
-
-    def roots(self) -> list[str]:
-        """Links that no joint carries."""
-        children = {joint.child for joint in self.joints}
-        return [link for link in self.links if link not in children]
-
-    def below(self, links: Iterable[str]) -> list[str]:
-        """These links and all that they carry, carriers first."""
-        below = list(links)
-        for link in below:
-            below += [joint.child for joint in self.carried[link]]
-        return below
+    links: list[str]
+    joints: list[UrdfJoint]
+    carrier: dict[str, UrdfJoint]
+    carried: dict[str, list[UrdfJoint]]
+    reach: dict[str, int]
 
     def branches(self, link: str) -> list[UrdfJoint]:
         """Moving joints that go out from a link and all that is fixed to it, the farthest-reaching first."""
-        moving: list[UrdfJoint] = []
-        rigid = [link]
+        rigid, moving = [link], []
         for part in rigid:
             moving += [joint for joint in self.carried[part] if joint.moves]
             rigid += [joint.child for joint in self.carried[part] if not joint.moves]
@@ -142,11 +108,10 @@ class UrdfFile:
 
     def path(self, base: str | None, tip: str) -> list[UrdfJoint]:
         """Joints outward from link `base` (the root where not given) to `tip`; [urdf-which-chain] where none lead."""
-        carrier = {joint.child: joint for joint in self.joints}
         path: list[UrdfJoint] = []
         link = tip
-        while link != base and link in carrier:
-            path.insert(0, carrier[link])
+        while link != base and link in self.carrier:
+            path.insert(0, self.carrier[link])
             link = path[0].parent
         if link != base is not None:
             mend = f"--base must lie on the way to it: {' > '.join(joint.parent for joint in path)}"
@@ -172,10 +137,10 @@ class UrdfRecipe:
     urdf: UrdfFile
     base: str
     tip: str
-    path: tuple[UrdfJoint, ...]
-    carried: tuple[UrdfJoint, ...]
-    elsewhere: tuple[UrdfJoint, ...]
-    notes: tuple[Note, ...]
+    path: list[UrdfJoint]
+    carried: list[UrdfJoint]
+    elsewhere: list[UrdfJoint]
+    notes: list[Note]
 
 
 def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = None) -> UrdfRecipe:
@@ -199,11 +164,12 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
     gravity = np.array([0.0, 0.0, -FREE_FALL])
     for joint in before:
         gravity = gravity @ joint.frame()[:3, :3]
-    outward = set(urdf.below([next(joint.child for joint in arm if joint.moves)]))
-    taken = {joint.name for joint in arm}
-    rest = [joint for joint in urdf.joints if joint.moves and joint.name not in taken]
-    carried = tuple(joint for joint in rest if joint.parent in outward)
-    elsewhere = tuple(joint for joint in rest if joint.parent not in outward)
+    outward = {next(joint.child for joint in arm if joint.moves)}
+    for link in urdf.links:
+        outward |= {joint.child for joint in urdf.carried[link] if link in outward}
+    rest = [joint for joint in urdf.joints if joint.moves and joint not in arm]
+    carried = [joint for joint in rest if joint.parent in outward]
+    elsewhere = [joint for joint in rest if joint.parent not in outward]
     lines, notes = _joint_lines(arm)
     file, *ends = ["".join(c if c.isprintable() else "?" for c in text) for text in (path.name, base, tip)]
     text = recipe_text(
@@ -214,20 +180,21 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
         gravity=_vector(gravity),
         joints=lines,
     )
-    robot = parsed_recipe(text.encode(), file_name(path))
-    moving = [joint for joint in before if joint.moves]
+    last = [joint for joint in arm if joint.moves][-1:]
     for joints, slug, about in (
         (carried, "urdf-left-out", "left out, and carried by the arm: {}; hold them still, they weigh on the arm"),
         (elsewhere, "urdf-left-out", "left out, and not carried by the arm: {}"),
-        (moving, "urdf-base-moves", "gravity is given for {} before the base at zero"),
+        ([joint for joint in before if joint.moves], "urdf-base-moves", "gravity is given for {} before the base at 0"),
+        (
+            [joint for joint in last if len(lines) > 1 and _GRIPPER.search(f"{joint.name} {joint.child}")],
+            "urdf-left-out",
+            f"{{}}, the arm's last, may be a gripper's: leave it out with --tip {shlex.quote(last[0].parent)}",
+        ),
     ):
         names = f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({listed([joint.name for joint in joints])})"
         notes += [Note(slug, about.format(names))] if joints else []
-    last = [joint for joint in arm if joint.moves][-1]
-    if robot.n_joints > 1 and _GRIPPER.search(f"{last.name} {last.child}"):
-        about = f"the last joint, {last.name}, may be a gripper's: leave it out with --tip {shlex.quote(last.parent)}"
-        notes.append(Note("urdf-left-out", about))
-    return UrdfRecipe(text, robot, urdf, base, tip, tuple(arm), carried, elsewhere, tuple(notes))
+    robot = parsed_recipe(text.encode(), file_name(path))
+    return UrdfRecipe(text, robot, urdf, base, tip, arm, carried, elsewhere, notes)
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -241,10 +208,17 @@ def _read(path: Path) -> UrdfFile:
     """A URDF with its links and joints, which are trees."""
     content, file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
     robot = _parsed(content, file)
-    links = tuple(element.get("name", "").strip() for element in robot.findall("link"))
-    joints = tuple(
+    named = {tag: [element.get("name", "").strip() for element in robot.findall(tag)] for tag in ("link", "joint")}
+    for tag, names in named.items():
+        repeated = [name for name, count in Counter(names).items() if count > 1 or not name]
+        if repeated or not named["link"]:
+            what = (
+                f"the name '{repeated[0]}' is of several {tag}s" if any(repeated) else f"a {tag} or its name is missing"
+            )
+            raise RecipeError("urdf-refused", what[:200], Where(file), f"give each {tag} its own name")
+    joints = [
         UrdfJoint(
-            element.get("name", "").strip(),
+            name,
             element.get("type", "").strip(),
             _attribute(element, "parent", "link"),
             _attribute(element, "child", "link"),
@@ -252,31 +226,39 @@ def _read(path: Path) -> UrdfFile:
             element,
             file,
         )
-        for element in robot.findall("joint")
-    )
-    for tag, names in (("link", links), ("joint", [joint.name for joint in joints])):
-        name, count = Counter(names).most_common(1)[0] if names else ("", 1)
-        if count > 1 or "" in names or not links:
-            what = f"the name {name} is of {count} {tag}s" if name else f"a {tag} or its name is missing"
-            raise RecipeError("urdf-refused", what[:200], Where(file), f"give each {tag} its own name")
-    carriers = Counter(joint.child for joint in joints)
+        for name, element in zip(named["joint"], robot.findall("joint"), strict=True)
+    ]
+    carrier = {joint.child: joint for joint in joints}
+    carried: dict[str, list[UrdfJoint]] = {link: [] for link in named["link"]}
     for joint in joints:
-        if joint.kind not in TYPES:
-            raise joint.refusal(f"joint {joint.name} has type '{joint.kind[:40]}'", meant(joint.kind, TYPES))
-        for tag, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in links:
-                what = f"joint {joint.name} has the {tag} '{link[:40]}', which is no link"
-                raise joint.refusal(what, meant(link, links))
-        if carriers[joint.child] > 1:
-            what = f"joint {joint.name} carries link {joint.child}, as another joint does"
-            raise joint.refusal(what, "a link hangs on one joint; a URDF holds no closed loops")
-    urdf = UrdfFile(robot.get("name", ""), links, joints, file, hashlib.sha256(content).hexdigest())
-    grounded = set(urdf.below(urdf.roots()))
+        carried.setdefault(joint.parent, []).append(joint)
+    links = [link for link in named["link"] if link not in carrier]
+    for link in links:
+        links += [joint.child for joint in carried.get(link, []) if carrier[joint.child] is joint]
+    stated = set(named["link"])
     for joint in joints:
-        if joint.child not in grounded:
-            what = f"joint {joint.name} closes a circle of links at {joint.child}"
-            raise joint.refusal(what, "one of its joints must hang on the base")
-    return urdf
+        for is_wrong, what, mend in (
+            (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
+            (
+                joint.parent not in stated,
+                f"has no link '{joint.parent[:40]}' as parent",
+                meant(joint.parent, links),
+            ),
+            (joint.child not in stated, f"has no link '{joint.child[:40]}' as child", meant(joint.child, links)),
+            (
+                carrier[joint.child] is not joint,
+                f"carries link {joint.child}, as another one does",
+                "a URDF has no loops",
+            ),
+            (joint.child not in links, f"closes a circle of links at {joint.child}", "hang one of them on the base"),
+        ):
+            if is_wrong:
+                raise joint.refusal(f"joint {joint.name} {what}", mend)
+    reach: dict[str, int] = {}
+    for link in reversed(links):
+        reach[link] = max((reach[joint.child] + joint.moves for joint in carried[link]), default=0)
+    digest = hashlib.sha256(content).hexdigest()
+    return UrdfFile(robot.get("name", ""), file, digest, links, joints, carrier, carried, reach)
 
 
 def _parsed(content: bytes, file: str) -> ElementTree.Element:
@@ -314,23 +296,21 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
     for word, link in (("--base", base), ("--tip", tip)):
         if link is not None and link not in urdf.links:
             raise urdf.unclear(f"{word} {link}: there is no such link", meant(link, urdf.links))
-    if base is None:
-        roots = urdf.roots() if tip is None else [*(joint.parent for joint in urdf.path(None, tip)), tip][:1]
-        if len(roots) > 1:
-            what = f"{len(roots)} links hang on no joint: {listed(roots)}"
-            raise urdf.unclear(what, "say where the arm starts, with --base LINK")
-        base = roots[0]
+    roots = [link for link in urdf.links if link not in urdf.carrier]
     if tip is not None:
-        return base, tip
+        return base or next((joint.parent for joint in urdf.path(None, tip)), tip), tip
+    if base is None and len(roots) > 1:
+        what = f"{len(roots)} links hang on no joint: {listed(roots)}"
+        raise urdf.unclear(what, "say where the arm starts, with --base LINK")
+    base = base or roots[0]
     tip, count, ties = _longest(urdf, base)
     if ties:
         chains = [(tip, *_longest(urdf, joint.child)) for joint in ties]
+        chains = [(start, end, 1 + n, more) for start, end, n, more in chains] + [(base, tip, count, [])] * (count > 0)
         options = [
-            f"--base {shlex.quote(start)} --tip {shlex.quote(end)} ({1 + n} joint{'s' * (n > 0)})"
+            f"--base {shlex.quote(start)} --tip {shlex.quote(end)} ({n} joint{'s' * (n > 1)})"
             for start, end, n, _ in chains
         ]
-        if count:
-            options.append(f"--base {shlex.quote(base)} --tip {shlex.quote(tip)} ({count} joint{'s' * (count > 1)})")
         what = f"below {base} several chains of joints are as long as one another"
         raise urdf.unclear(what, f"say which one: {listed(options, separator='; ')}")
     return base, tip
@@ -376,33 +356,36 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
         if not joint.moves:
             continue
         name = joint.name if is_joint_name(joint.name) else f"joint{len(names) + 1}"
-        while name.lower() in (other.lower() for other in names):
+        while name.lower() in map(str.lower, names):
             name += "_"
         names.append(name)
         if name != joint.name:
             text = f"no recipe can name a joint {joint.name!r}; it is called {name}"
             notes.append(Note("urdf-incomplete", text, Where(joint=len(names))))
-        kind = "prismatic" if joint.kind == "prismatic" else "revolute"
-        rpy = ", ".join(map(_angle, roll_pitch_yaw(frame[:3, :3])))
-        place = f"{{xyz: {_vector(frame[:3, 3])}, rpy: [{rpy}], axis: {_vector(joint.axis())}}}"
-        line = f"{{name: {yaml_text(name)}, type: {kind}, placement: {place}"
+        axis = joint.numbers("axis", "xyz", "1 0 0")
+        if not 1e-9 < math.hypot(*axis) < math.inf:
+            raise joint.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
+        rpy, unit = _vector(roll_pitch_yaw(frame[:3, :3])), _vector(np.array(axis) / math.hypot(*axis))
         low, high, speed = (joint.numbers("limit", key, "inf", count=1)[0] for key in ("lower", "upper", "velocity"))
-        rail = (LONGEST_RAIL, 1e-9, FASTEST_RAIL)
-        farthest, slowest, fastest = rail if kind == "prismatic" else (WIDEST, SLOWEST, FASTEST)
-        if joint.kind != "continuous":
-            has_limits = -farthest <= low < high <= farthest
-            line += f", limits: {_vector((low, high))}" if has_limits else ""
-            without["limits"] += [] if has_limits else [name]
-        has_speed = slowest <= speed <= fastest
-        line += f", max_velocity: {_decimal(speed)}" if has_speed else ""
-        without["highest speed"] += [] if has_speed else [name]
-        lines.append(line + "}")
+        turn, rail = ("revolute", WIDEST, SLOWEST, FASTEST), ("prismatic", LONGEST_RAIL, 1e-9, FASTEST_RAIL)
+        kind, farthest, slowest, fastest = rail if joint.kind == "prismatic" else turn
+        line = f"name: {yaml_text(name)}, type: {kind}, "
+        line += f"placement: {{xyz: {_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
+        if joint.kind != "continuous" and -farthest <= low < high <= farthest:
+            line += f", limits: {_vector((low, high))}"
+        elif joint.kind != "continuous":
+            without["limits"].append(name)
+        if slowest <= speed <= fastest:
+            line += f", max_velocity: {_decimal(speed)}"
+        else:
+            without["highest speed"].append(name)
+        lines.append(f"{{{line}}}")
         frame = np.eye(4)
-    for what, lacking in without.items():
-        if lacking:
-            text = f"the URDF states no usable {what} of {listed(lacking)}: put the arm's own into the recipe"
-            notes.append(Note("urdf-incomplete", text))
-    return lines, notes
+    text = "the URDF states no usable {} of {}: put the arm's own into the recipe"
+    lacks = [
+        Note("urdf-incomplete", text.format(what, listed(lacking))) for what, lacking in without.items() if lacking
+    ]
+    return lines, notes + lacks
 
 
 def _vector(values: Sequence[float] | Floats) -> str:
@@ -412,12 +395,3 @@ def _vector(values: Sequence[float] | Floats) -> str:
 def _decimal(value: float) -> str:
     """A bare number without exponent and trailing zeros."""
     return np.format_float_positional(round(value, DECIMALS) + 0.0, trim="0")
-
-
-def _angle(value: float) -> str:
-    """Radians: ``-pi/2`` and the like where they are near, else a bare number."""
-    part = Fraction(round(value / math.pi * 12), 12)
-    if abs(value - part * math.pi) > SNAP:
-        return _decimal(value)
-    times = {1: "", -1: "-"}.get(part.numerator, f"{part.numerator}*")
-    return "0" if not part else f"{times}pi" + (f"/{part.denominator}" if part.denominator > 1 else "")

@@ -4,42 +4,34 @@ from __future__ import annotations
 
 import csv
 import errno
-import importlib
-import io
 import json
 import os
 import re
 import secrets
-import stat
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from itertools import chain, groupby
+from contextlib import ExitStack, contextmanager, suppress
+from io import TextIOWrapper
+from itertools import chain, groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Log
 from pumaid.errors import ModelError, ResultError, Where
 from pumaid.io.columns import QUANTITIES, factor_of, time_factor
 from pumaid.io.paths import STDIN, is_log
-from pumaid.robot import Robot
+from pumaid.robot import Joint, Robot
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-Floats = NDArray[np.float64]
 
 #: Decimals of a number in CSV: finer than any encoder, current sensor or clock.
 DECIMALS = 9
 TRUTH_NAME = "truth.json"
 #: What simulated logs are called; a truth beside them proves that they are.
 _SIMULATED = re.compile(r"session_\d+\.(csv|parquet)")
-#: Longest wait for another process that writes to the same folder, and how often the lock is tried, s.
-PATIENCE, PAUSE = 20.0, 0.02
 
 _ELSEWHERE = "write elsewhere with -o"
 _MENDS = {
@@ -84,17 +76,13 @@ def replacing(path: Path) -> Iterator[Path]:
     ResultError [cannot-write]
         The system refuses, in the block or at its end; the old content is unchanged.
     """
-    path = Path(path)
-    target = Path(os.path.realpath(path))
+    path, target = Path(path), Path(os.path.realpath(path))
     temporary = target.with_name(f".{target.name[:80]}.{secrets.token_hex(6)}.part")
     try:
         # /dev/stdout may be a plain file that the shell holds open.
-        is_file = not path.exists() or stat.S_ISREG(path.stat().st_mode) or path.is_dir()
-        if not is_file or path.parts[:2] == ("/", "dev"):
+        if path.parts[:2] == ("/", "dev") or not (path.is_file() or path.is_dir() or not path.exists()):
             yield path
             return
-        if target.is_symlink():
-            raise OSError(errno.ELOOP, "links that lead to one another")
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder")
@@ -105,8 +93,7 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.chmod(target.stat().st_mode & 0o7777)
         temporary.replace(target)
     except OSError as error:
-        shown = path.name if len(path.name) <= 80 else path.name[:77] + "..."
-        what = f"cannot write {shown}: {error.strerror or error}"
+        what = f"cannot write {path.name[:80]}: {error.strerror or error}"
         mend = _MENDS.get(error.errno or 0, _ELSEWHERE)
         raise ResultError("cannot-write", what, Where(file=str(path)[:300]), mend) from error
     finally:
@@ -115,44 +102,21 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def locked(folder: Path, *, patience: float = PATIENCE) -> Iterator[None]:
-    """Keep other processes of this program out of a folder during the block.
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes of this program out of a folder during the block; they wait for its end.
 
     The folder itself, made if it is missing, is locked (flock), so no lock file remains, and the system releases the
     lock when a process ends. Where there are no such locks the block runs without one.
-
-    Raises
-    ------
-    ResultError [results-busy]
-        Another process holds the lock for longer than `patience` (s).
     """
-    try:
-        fcntl = importlib.import_module("fcntl")
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY)
-    except (ImportError, OSError):
-        yield
-        return
-    try:
-        end = time.monotonic() + patience
-        while _is_busy(fcntl, handle):
-            if time.monotonic() > end:
-                what = f"another run of pumaid has been writing to {folder} for {patience:g} s"
-                mend = "wait until it is over, or write elsewhere with --results"
-                raise ResultError("results-busy", what, Where(file=str(folder)), mend)
-            time.sleep(PAUSE)
-        yield
-    finally:
-        os.close(handle)
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
 
-
-def _is_busy(fcntl: Any, handle: int) -> bool:
-    """Whether another process has the lock; where the file system has none, nobody has."""
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        return isinstance(error, BlockingIOError)
-    return False
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
 
 
 def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
@@ -160,21 +124,12 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
 
     The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine decimals. ``-`` writes CSV to standard output.
     Velocity, temperature and joints without a current are left out where the first log has none.
-
-    Raises
-    ------
-    ResultError [cannot-write, unknown-ending]
-        The disk refuses, or the ending is neither ``.csv`` nor ``.parquet``.
     """
-    path = Path(path)
     tables = _tables(logs, robot)
     if path == STDIN:
         _write_csv(sys.stdout.buffer, tables)
         return
-    write = {".csv": _write_csv, ".parquet": _write_parquet}.get(path.suffix.lower())
-    if write is None:
-        what = f"{path.name} ends in {path.suffix or 'nothing'}, which is no log format"
-        raise ResultError("unknown-ending", what, Where(file=str(path)), "name it .csv or .parquet")
+    write = _write_parquet if Path(path).suffix.lower() == ".parquet" else _write_csv
     with replacing(path) as temporary, temporary.open("wb") as sink:
         write(sink, tables)
 
@@ -183,28 +138,22 @@ def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
     """A table a log, in the log's units and signs."""
     import pyarrow as pa
 
-    columns: dict[str, tuple[str, int, float]] = {}
+    columns: list[tuple[str, str, Joint]] = []
     for log in logs:
-        columns = columns or _columns(log, robot)
-        names, arrays = [robot.log.time], [log.time / time_factor(robot)]
-        for name, (quantity, joint, factor) in columns.items():
-            values = getattr(log, quantity)
-            names.append(name)
-            arrays.append(np.full(len(log), np.nan) if values is None else values[:, joint] / factor)
-        yield pa.table(arrays, names=names)
+        columns = columns or [
+            (name, quantity, joint)
+            for quantity, joint in product(QUANTITIES, robot.joints)
+            if (name := robot.log.column(quantity, joint.number)) and _has(log, quantity, joint)
+        ]
+        table = {robot.log.time: log.time / time_factor(robot)}
+        for name, quantity, joint in columns:
+            table[name] = getattr(log, quantity)[:, joint.number - 1] / factor_of(robot, quantity, joint)
+        yield pa.table(table)
 
 
-def _columns(log: Log, robot: Robot) -> dict[str, tuple[str, int, float]]:
-    """Column name -> quantity, index of the joint and factor to SI of what a log has, but for the time."""
-    columns = {}
-    for quantity in QUANTITIES:
-        values = getattr(log, quantity)
-        for index, joint in enumerate(robot.joints):
-            name = robot.log.column(quantity, joint.number)
-            absent = values is None or (len(log) and bool(np.isnan(values[:, index]).all()))
-            if name is not None and not absent:
-                columns[name] = (quantity, index, factor_of(robot, quantity, joint))
-    return columns
+def _has(log: Log, quantity: str, joint: Joint) -> bool:
+    values = getattr(log, quantity)
+    return values is not None and not (len(log) and np.isnan(values[:, joint.number - 1]).all())
 
 
 def _write_parquet(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
@@ -225,9 +174,9 @@ def _write_csv(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
     options = arrow_csv.WriteOptions(include_header=False, quoting_style="needed")
     for number, table in enumerate(tables):
         if number == 0:  # Arrow would quote every name
-            header = io.StringIO()
-            csv.writer(header, lineterminator="\n").writerow(table.column_names)
-            sink.write(header.getvalue().encode())
+            text = TextIOWrapper(sink, encoding="utf-8", newline="", write_through=True)
+            csv.writer(text, lineterminator="\n").writerow(table.column_names)
+            text.detach()
         values = np.array([column.to_numpy() for column in table.columns])
         # Where a float64 has no more than these decimals, rounding would only disturb it.
         is_fine = np.abs(values) < 2.0**53 / 10.0**DECIMALS
@@ -256,27 +205,26 @@ def write_session(
 
     Raises
     ------
-    ResultError [logs-in-the-way, cannot-write, results-busy]
-        The folder holds logs already (measured and simulated ones must not mix), the disk refuses, or another run does
-        not let go of the folder.
+    ResultError [logs-in-the-way, cannot-write]
+        The folder holds logs already (measured and simulated ones must not mix), or the disk refuses.
     """
     files: dict[str, tuple[int, float, float]] = {}
 
-    def watched(batches: Iterable[Log]) -> Iterator[Log]:
-        for log in batches:
+    def watched() -> Iterator[Log]:
+        for log in logs:
             count, first, _ = files.get(log.origin, (0, float(log.time[0]), 0.0))
             files[log.origin] = (count + len(log), first, float(log.time[-1]))
             progress(float(log.time[-1]))
             yield log
 
     if folder == STDIN:
-        write_log(folder, watched(logs), robot)
+        write_log(folder, watched(), robot)
         return []
     with locked(folder):
         for path in _replaced(folder, force):
             path.unlink()
         write_file(folder / TRUTH_NAME, json.dumps(truth, indent=2) + "\n")
-        for origin, batches in groupby(watched(logs), key=lambda log: log.origin):
+        for origin, batches in groupby(watched(), key=lambda log: log.origin):
             write_log(folder / f"{origin}.{form}", batches, robot)
     return [(f"{origin}.{form}", *facts) for origin, facts in files.items()]
 
@@ -289,14 +237,11 @@ def read_truth(path: Path) -> dict[str, Any]:
     ModelError [file-not-readable]
         There is no such file, or it is no JSON object.
     """
-    document, reason = None, "it holds no JSON object"
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is no JSON"
-    if not isinstance(document, dict):
-        raise ModelError("file-not-readable", f"{path} cannot be read: {reason}", Where(str(path)), "give a truth.json")
-    return document
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        what = f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it holds no JSON object'}"
+        raise ModelError("file-not-readable", what, Where(str(path)), "give a truth.json") from error
 
 
 def _replaced(folder: Path, force: bool) -> list[Path]:
@@ -310,14 +255,13 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
     truth, is_simulated = folder / TRUTH_NAME, False
     with suppress(ModelError):
         is_simulated = read_truth(truth).get("kind") == "truth"
-    there = [path for path in sorted(folder.rglob("*")) if is_log(str(path.relative_to(folder)))]
-    there += [truth] if os.path.lexists(truth) else []
-    foreign = [path for path in there if path.parent != folder or not _SIMULATED.fullmatch(path.name)]
-    foreign = [path for path in foreign if path != truth] if is_simulated else there
+    there = [path for path in sorted(folder.rglob("*")) if is_log(str(path.relative_to(folder))) or path == truth]
+    ours = {path for path in folder.glob("session_*") if _SIMULATED.fullmatch(path.name)} | {truth}
+    foreign = [path for path in there if not is_simulated or path not in ours]
     if foreign or (there and not force):
         first = (foreign or there)[0]
         why = "; no truth.json beside it says that it was simulated" if foreign else ""
         what = f"{folder} holds logs already ({len(there)} files, such as {first.name}){why}"
         mend = "write to another folder with -o" + ("" if foreign else ", or replace them with --force")
         raise ResultError("logs-in-the-way", what, Where(file=str(first)), mend)
-    return there
+    return sorted(there, key=truth.__eq__)

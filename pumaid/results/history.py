@@ -123,7 +123,7 @@ def keep(path: Path, estimate: Estimate, robot: Robot) -> Path:
 
     Its parent is the model that was current where one of the two has all effects of the other, else (or where it is an
     earlier one fitted again) the comparable model with most of its effects. A model is archived once. Returns the
-    archived file; ResultError [cannot-write], [results-busy] where the system refuses or another run is writing.
+    archived file; ResultError [cannot-write] where the system refuses.
     """
     arm = digest_of(plain(replace(robot, effects=(), origin="", digest="")))
     document = model_document(estimate)

@@ -77,7 +77,7 @@ def test_the_recipe_says_where_it_is_from():
         "the base (frame 0) is its link l0",
         "# log:",
         "# effects:",
-        "placement: {xyz: [0.0, 0.0, 0.0], rpy: [-pi/2, 0, 0], axis: [0.0, 0.0, 1.0]}",
+        "placement: {xyz: [0.0, 0.0, 0.0], rpy: [-1.570796326795, 0.0, 0.0], axis: [0.0, 0.0, 1.0]}",
     )
     assert [piece for piece in pieces if piece not in text] == [] and not Path("recipe.yaml").exists()
 

