@@ -30,7 +30,7 @@ _NAMES = {
     "pumaid.diagnosis.records": "Candidate Curve Diagnosis Finding JointDiagnosis Limit Size Unexplained"
     " read_diagnosis write_diagnosis",
     "pumaid.estimate": "Combination Estimate JointFit Value",
-    "pumaid.estimation.evaluate": "Budget BudgetPart Comparison JointScore OutsideScore RunScore",
+    "pumaid.estimation.evaluate": "Budget BudgetPart Comparison JointScore RunScore",
     "pumaid.samples": "Samples",
     "pumaid.results.history": "Errors History Ladder Rung read_history",
     "pumaid.results.model_file": "read_model write_model",

@@ -194,10 +194,10 @@ class Identified(Answer):
     def compare(self, logs: Logs | None = None, **options: Any) -> Answer:
         """The model against some logs (by default those that it is fitted to), as `Comparison`."""
         from pumaid.diagnosis.compare import compare
-        from pumaid.reporting.tables import comparison_table, outside_table
+        from pumaid.reporting.tables import comparison_table
 
         comparison = compare(self.record, self._runs(logs, options), self.robot)
-        return Answer(comparison, [comparison_table(comparison, self.robot), outside_table(comparison, self.robot)])
+        return Answer(comparison, [comparison_table(comparison, self.robot)])
 
     def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
         """Which physical effect the model misses, as `Diagnosis`."""

@@ -18,7 +18,6 @@ from pumaid.estimation.evaluate import (
     Comparison,
     JointScore,
     RunScore,
-    outside_scores,
     predictions,
     rmse,
 )
@@ -29,7 +28,7 @@ from pumaid.robot import Robot
 
 
 def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
-    """Score a model on logs: per joint and per run, and apart from these what lies outside runs.
+    """Score a model on logs: per joint and per run.
 
     A run's RMSE and bias are exact over its samples; predictions and their parts are given at its bins. Runs that the
     plan holds out are scored apart; those that the fitted data could not tell enough of are flagged.
@@ -67,7 +66,6 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
         robot=robot.name,
         joints=tuple(joints),
         runs=tuple(scores[n] for n in range(len(dataset.runs))),
-        outside=outside_scores(estimate, dataset, robot),
         rmse=rmse((prediction, prediction.counted) for prediction in at_joints.values()),
         logs={facts.name: facts.digest for facts in dataset.files},
         notes=tuple(_notes(estimate, dataset, joints)),

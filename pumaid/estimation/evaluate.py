@@ -8,16 +8,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Campaign, Dataset, Reject, Run
+from pumaid.dataset import BLOCK, Campaign, Dataset, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
-from pumaid.gravity_load import along, loads, with_inertia
-from pumaid.joint_bins import JointBins, at, joined, joint_bins
+from pumaid.gravity_load import along, with_inertia
+from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Flags, Floats
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 
 #: Effects of one joint, those together that are known only together.
 Groups = tuple[tuple[str, ...], ...]
@@ -27,8 +26,6 @@ Part = TypeVar("Part", float, Floats)
 
 #: Share of the largest term in an undetermined direction below which a term is not named.
 PART = 0.05
-#: Instants outside runs whose regressor is made at once, some ten megabytes.
-AT_ONCE = 20_000
 #: A (A) below which a contribution is rounding.
 NOTHING = 1e-9
 #: An effect's share is stated where the data leave it open by no more than this share of the joint's RMS current (and
@@ -36,9 +33,6 @@ NOTHING = 1e-9
 OPEN = 0.05
 #: Share of the RMS current below which what the data leave open is rounding.
 CLOSED = 1e-6
-#: Outside runs a joint's motor counts as turning above this share of its largest speed in the stretch: below it the
-#: direction of friction is not known.
-MOVING = 0.05
 #: Share of the replicates' noise floor below which an RMSE shows that replicates differ by what the model explains.
 BELOW = 0.9
 #: Largest group of effects that is searched for; the rest is one group, which is what a user can still read.
@@ -155,20 +149,6 @@ class JointScore:
     budget: Budget | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class OutsideScore:
-    """One joint outside runs, by the `reason` that the stretches are no runs (ramps, several joints moving).
-
-    Inertia is missing there by design. `rmse` and `bias` are of bin means while the joint moves, A.
-    """
-
-    joint: int
-    reason: str
-    samples: int
-    rmse: float
-    bias: float
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Comparison:
     """A model against measurement on some logs.
@@ -181,7 +161,6 @@ class Comparison:
     robot: str
     joints: tuple[JointScore, ...]
     runs: tuple[RunScore, ...]
-    outside: tuple[OutsideScore, ...] = ()
     rmse: float | None = None
     logs: dict[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
@@ -375,61 +354,6 @@ def rmse(parts: Iterable[tuple[JointPrediction, Flags]]) -> float | None:
 
 def _explained(square: float, about: float, samples: float) -> float | None:
     return float(1.0 - square / about) if about > NOTHING**2 * samples else None
-
-
-def outside_scores(estimate: Estimate, dataset: Dataset, robot: Robot) -> tuple[OutsideScore, ...]:
-    """Scores of what is no run, by joint and reason; bins in which a joint's motor rests are not its own."""
-    model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs, dataset.rejects)
-    stretches: dict[tuple[int, str], list[Reject]] = {}
-    for reject in dataset.rejects:
-        for joint in reject.joints if reject.bins is not None else ():
-            stretches.setdefault((joint, reject.reason), []).append(reject)
-    out = []
-    for (joint, reason), rejects in sorted(stretches.items(), key=lambda item: item[0]):
-        samples, count, current = _moving(robot, rejects, joint, campaign)
-        if not len(count):
-            continue
-        residual = current.copy()
-        for start in range(0, len(count), AT_ONCE):
-            part = np.arange(start, min(start + AT_ONCE, len(count)))
-            chunk = at(samples, part)
-            if model.needs_loads():
-                chunk = replace(chunk, loads=loads(model, chunk, solution=estimate.solution, scales=estimate.scales))
-            residual[part] -= model.predict(estimate, chunk)
-        square, bias = (float(np.average(values, weights=count)) for values in (residual**2, residual))
-        out.append(OutsideScore(joint, reason, int(count.sum()), float(np.sqrt(square)), bias))
-    return tuple(out)
-
-
-def _moving(robot: Robot, rejects: Sequence[Reject], joint: int, campaign: Campaign) -> tuple[Samples, Floats, Floats]:
-    """The bins in which the motor of `joint` turns and its current is measured: samples, their number, current (A).
-
-    They have no acceleration, since inertia is missing by design.
-    """
-    parts, counts, currents = [], [], []
-    for reject in rejects:
-        bins = reject.bins
-        assert bins is not None
-        shaft = robot.shaft_velocity(bins.velocity)[:, joint - 1]
-        is_moving = np.abs(shaft) > MOVING * np.max(np.abs(shaft), initial=0.0)
-        rows = np.isfinite(bins.current[:, joint - 1]) & is_moving
-        time, zeros = bins.time[rows], np.zeros(np.count_nonzero(rows))
-        samples = Samples(
-            joint,
-            bins.position[rows],
-            bins.velocity[rows],
-            acceleration=zeros,
-            direction=np.sign(shaft[rows]),
-            time=campaign.since(joint, reject.clock, time),
-            elapsed=campaign.since(0, reject.clock, time),
-            travel=np.abs(robot.shaft_velocity(bins.position[rows] - bins.position[0])[:, joint - 1]),
-            temperature=np.full(len(zeros), np.nan),
-            run=zeros,
-        )
-        parts.append(samples)
-        counts.append(bins.count[rows].astype(float))
-        currents.append(bins.current[rows, joint - 1])
-    return joined(parts), np.concatenate(counts), np.concatenate(currents)
 
 
 def together(parts: Mapping[str, Part], groups: Groups) -> dict[str, Part]:

@@ -143,7 +143,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "joints": [_joint_document(score, comparison) for score in comparison.joints],
         "rmse": comparison.rmse,
         "heldout": None if comparison.heldout is None else {"rmse": comparison.heldout},
-        "outside": [_entries(score, "joint reason samples rmse bias") for score in comparison.outside],
         "notes": comparison.notes,
     }
 

@@ -251,26 +251,6 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
     return Table("Runs with the largest error", header, rows, marks.notes(), caption, (0, 1, 2, 3, 7))
 
 
-def outside_table(comparison: Comparison, robot: Robot) -> Table | None:
-    """Errors outside runs; None where there is nothing outside runs."""
-    scores = {(score.joint, score.reason): score for score in comparison.outside}
-    if not scores:
-        return None
-    samples: dict[str, int] = {}
-    for score in comparison.outside:
-        samples[score.reason] = samples.get(score.reason, 0) + score.samples
-    reasons = sorted(samples, key=lambda reason: -samples[reason])
-    rows: list[Row] = []
-    for joint in sorted({joint for joint, _ in scores}):
-        group = [scores.get((joint, reason)) for reason in reasons]
-        total = sum(score.samples for score in group if score is not None)
-        rmse = [amount(None if score is None else score.rmse) for score in group]
-        rows.append([joint_label(robot, joint), f"{total:,}", *rmse])
-    header = ("joint", "samples", *(reason.replace("-", " ") for reason in reasons))
-    caption = "Predicted without inertia, so accelerations add to the error."
-    return Table("RMSE (A) outside runs, by reason", header, rows, caption=caption)
-
-
 # A diagnosis
 
 

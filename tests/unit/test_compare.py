@@ -1,4 +1,4 @@
-"""`compare`: exact scores, honest flags, what lies outside runs; the oracle works sample by sample."""
+"""`compare`: exact scores, honest flags; the oracle works sample by sample."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import worlds
 
 import pumaid
-from pumaid.dataset import Dataset, FileFacts, Means, Reject, Run
+from pumaid.dataset import Dataset, FileFacts, Run
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.evaluate import UNEXPLAINED, Comparison
 from pumaid.robot import EffectChoice, Robot
@@ -181,27 +181,6 @@ def test_heldout_runs_are_apart(fitted):
     assert all(score.rmse is not None for score in made(Dataset(tuple(spoilt)), fitted[1]).joints)
     nothing = made(Dataset(()), fitted[1])
     assert nothing.rmse is None and nothing.joints[0].noise_floor_reason
-
-
-def test_outside_runs_lack_inertia_only(fitted):
-    """A ramp is predicted with weight and friction; what is left is the inertia, by design. Each joint has its own."""
-    course = worlds.course("stroke", -1.0, 1.0)
-    current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
-    run: Run = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current)
-    ramp = Reject("samples", 2, 201, 0.0, 2.0, (1,), "ramp", "a ramp", 200, worlds.means_of(run))
-    t = np.linspace(0.0, 2.0, 100)
-    q, qd = np.column_stack([t - 1.0, 1.0 - t]), np.tile([1.0, -1.0], (100, 1))
-    currents = [pendulum_current(j, q[:, j - 1], other=q[:, 2 - j], qd=qd[:, j - 1]) for j in (1, 2)]
-    bins = Means(np.full(100, 4), t, q, qd, np.column_stack(currents))
-    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, bins)
-    scores = made(Dataset((), rejects=(ramp, both)), fitted[1]).outside
-    assert [(score.joint, score.reason) for score in scores] == [
-        *((1, "ramp"), (1, "several-joints")),
-        (2, "several-joints"),
-    ]
-    moving = np.abs(run.bins.velocity) > 0.05 * np.abs(run.bins.velocity).max()
-    assert scores[0].rmse == pytest.approx(0.7 * np.sqrt(np.mean(run.bins.acceleration[moving] ** 2)), rel=0.05)
-    assert all(score.rmse < NOISE for score in scores[1:])  # exact currents; what is left is the fit's own error
 
 
 def warming(run: Run, start: float) -> Run:

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 import worlds
 
-import pumaid
-from pumaid.dataset import Dataset, Means, Reject
-from pumaid.diagnosis.compare import compare
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, RecipeError
 from pumaid.io.recipe import read_recipe
@@ -126,34 +123,6 @@ def test_effects_of_speed_follow_the_motor(name, shape, law):
     for joint, driving in ((1, qd[:, 0]), (2, qd[:, 1] + qd[:, 0] * 0.9 * 50.0 / 90.0)):
         columns = catalogue()[name].columns(GEARED_PENDULUM, seen(joint, qd), shape=shape)
         np.testing.assert_allclose(columns[:, 0], law(driving), rtol=1e-12)
-
-
-@pytest.fixture(scope="module")
-def weightless():
-    """Runs of each joint alone, friction only, and the model that the coupled recipe makes of them."""
-    out = []
-    for joint in (1, 2):
-        for speed in (0.3, -0.3, 0.6, -0.6, 1.0, -1.0):
-            reach = 1.5 * np.sign(speed)
-            course = worlds.course("constant", -reach, reach, duration=3.0 / abs(speed))
-            current = friction(course[2])
-            out.append(worlds.run_of(GEARED_PENDULUM, joint, [0.3, 0.3], course=course, current=current))
-    return pumaid.identify(Dataset(tuple(out)), GEARED_PENDULUM)
-
-
-def test_compare_predicts_friction_at_the_motors_speed(weightless):
-    """Where joint 2 goes back more slowly than joint 1 turns its motor forward, its friction is that of forward."""
-    t = np.linspace(0.0, 2.0, 100)
-    qd = np.column_stack([np.full(100, 1.0), -0.45 + 0.3 * np.sin(3.0 * t)])
-    motor = qd[:, 1] + 0.9 * 50.0 / 90.0 * qd[:, 0]
-    assert np.mean(np.sign(motor) != np.sign(qd[:, 1])) > 0.4
-    q = np.cumsum(qd, axis=0) * (t[1] - t[0])
-    currents = np.column_stack([friction(qd[:, 0]), friction(motor)])
-    bins = Means(np.full(100, 4), t, q, qd, currents)
-    both = Reject("samples", 2, 401, 0.0, 2.0, (1, 2), "several-joints", "both move", 400, bins)
-    scores = compare(weightless, Dataset((), rejects=(both,)), GEARED_PENDULUM).outside
-    assert [score.joint for score in scores] == [1, 2]
-    assert all(score.rmse < 1e-9 for score in scores)
 
 
 def test_held_joints_that_tremble_drive_no_friction():

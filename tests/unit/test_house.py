@@ -400,7 +400,7 @@ PUBLIC = [
     *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
     *("EffectChoice", "Errors", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
-    *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "OutsideScore", "Picture", "Plan", "Posture"),
+    *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "Picture", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),
     *("Unexplained", "Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "load", "plan"),
     *("read_diagnosis", "read_history", "read_model", "read_recipe", "segment", "simulate"),

@@ -162,19 +162,6 @@ def test_joints_without_runs_and_errors_above_the_floor_are_marked(context):
     assert table.cells[0][4].text == "0"  # a bias far below the RMSE is round-off
 
 
-def test_errors_outside_runs_have_a_column_a_reason(context):
-    """What lies outside runs stands in a table of its own; without any there is no table."""
-    table = tables.outside_table(context.comparison, context.robot)
-    assert list(table.header) == ["joint", "samples", "ramp"]
-    joints = tuple(replace(score, shares={"gravity": 0.8, "inertia": 0.1}) for score in context.comparison.joints)
-    moved = tables.outside_table(replace(context.comparison, joints=joints), context.robot)
-    assert {table.caption, moved.caption} == {"Predicted without inertia, so accelerations add to the error."}
-    assert tables.outside_table(replace(context.comparison, outside=()), context.robot) is None
-
-
-# Diagnosis
-
-
 def test_detection_limits_have_a_row_an_effect_and_unit():
     """Sizes per rad and per m have rows of their own; what is not detectable has a reason; the arm its column."""
     joints = diagnoses.clean().joints

@@ -26,7 +26,7 @@ def command(*, request: options.ModelOnLogs, worst: int) -> bool:
 
     from pumaid.diagnosis.compare import compare
     from pumaid.reporting.documents import comparison_document
-    from pumaid.reporting.tables import budget_parts, comparison_table, outside_table, worst_runs_table
+    from pumaid.reporting.tables import budget_parts, comparison_table, worst_runs_table
     from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
 
@@ -46,5 +46,5 @@ def command(*, request: options.ModelOnLogs, worst: int) -> bool:
         is_listed = worst and comparison.runs
         worst_runs = worst_runs_table(comparison, robot, count=worst, units=units) if is_listed else None
         first = Group(comparison_table(comparison, robot), *budget_parts(comparison, robot))
-        tables(first, outside_table(comparison, robot), worst_runs)
+        tables(first, worst_runs)
     return request.check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints)

@@ -115,7 +115,7 @@ class Residuals(Section):
             "limits": text.budget_limit_sentences(comparison, robot),
             "budget": budget_figure(context),
             "figures": residual_figures(context),
-            "tables": [worst, tables.outside_table(comparison, robot)],
+            "tables": [worst],
         }
 
 
