@@ -146,21 +146,16 @@ def postures(robot: Robot, joint: int, *, varied: Sequence[int], count: int, rng
     Only the joints `varied` (from 1) differ from home.
     """
     holds = np.tile(home(robot), (count + 1, 1))
-    for number in varied:
-        if number != joint:
-            grid = _grid(robot.joint(number), holds[0, number - 1])
-            holds[1:, number - 1] = rng.choice(grid, count)
+    for axis in (robot.joint(number) for number in varied if number != joint):
+        (low, high), middle = span(axis), holds[0, axis.number - 1]
+        grid = np.round(np.linspace(low, high, 5), 4)
+        if axis.is_revolute:
+            low, high = max(low, middle - _FARTHEST), min(high, middle + _FARTHEST)
+            steps = np.arange(math.ceil(low / _STEP - 1e-9), math.floor(high / _STEP + 1e-9) + 1) * _STEP
+            grid = steps if len(steps) >= 5 else np.linspace(low, high, 5)
+        holds[1:, axis.number - 1] = rng.choice(grid, count)
     _, first = np.unique(np.round(holds, 9), axis=0, return_index=True)
     return holds[np.sort(first)]
-
-
-def _grid(joint: Joint, middle: float) -> Floats:
-    low, high = span(joint)
-    if not joint.is_revolute:
-        return np.round(np.linspace(low, high, 5), 4)
-    low, high = max(low, middle - _FARTHEST), min(high, middle + _FARTHEST)
-    steps = np.arange(math.ceil(low / _STEP - 1e-9), math.floor(high / _STEP + 1e-9) + 1) * _STEP
-    return np.asarray(steps if len(steps) >= 5 else np.linspace(low, high, 5), dtype=float)
 
 
 def free_blocks(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> list[Block]:

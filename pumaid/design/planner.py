@@ -131,7 +131,12 @@ class Planner:
             The least experiment that shows everything takes longer.
         """
         self.tell("choosing runs")
-        coverages = self._coverages()
+        many = 2
+        if self.seconds is not None:
+            many = int(np.clip(round(self.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
+        least = {"passes": self.passes or many} | ({"postures": self.postures} if self.postures else {})
+        coverages = [replace(coverage, **least) for coverage in COVERAGES]
+        coverages += [] if self.passes else [replace(coverages[-1], passes=1)]
         usual = coverages[1]
         budget = self.seconds or max(
             _USUAL * self.robot.n_joints, usual.rounds * self._seconds(self._cover(usual)) / usual.share
@@ -200,15 +205,6 @@ class Planner:
         counted = np.median(errors, axis=0) <= self.sizes
         self.criterion = replace(whole, counted=counted | (not counted.any()))
         return optimum if counted.all() else continuous_design(self.candidates, self.criterion, budget)
-
-    def _coverages(self) -> list[Coverage]:
-        """What every joint may get at least, the most first."""
-        many = 2
-        if self.seconds is not None:
-            many = int(np.clip(round(self.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
-        passes = self.passes or many
-        out = [replace(item, postures=self.postures or item.postures, passes=passes) for item in COVERAGES]
-        return out if self.passes else [*out, replace(out[-1], passes=1)]
 
     def _exchange(self, candidates: CandidateInformation, away: Floats, budget: float) -> Exchange:
         objective = PlanObjective(candidates, self.criterion)

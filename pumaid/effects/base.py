@@ -9,7 +9,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from pumaid.effects.formula import columns, printed
+from pumaid.effects.formula import OF_LOADS, columns, names_in, printed
 from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Extent, Samples
@@ -62,6 +62,24 @@ class Trace(Enum):
     DIRECTION = "direction"
     LOAD = "load"
     TIME = "time"
+
+
+#: Family -> the residuals that can show its effects where they do not say otherwise.
+TRACES = {
+    Family.GRAVITY: (Trace.POSITION,),
+    Family.DIRECTION: (Trace.DIRECTION,),
+    Family.SPEED: (Trace.SPEED, Trace.DIRECTION),
+    Family.LOAD: (Trace.LOAD, Trace.DIRECTION),
+    Family.POSITION: (Trace.POSITION, Trace.DIRECTION),
+    Family.TORQUE: (Trace.POSITION,),
+    Family.RIPPLE: (Trace.POSITION,),
+    Family.START: (Trace.POSITION, Trace.DIRECTION),
+    Family.TIME: (Trace.TIME, Trace.DIRECTION),
+    Family.PAYLOAD: (Trace.TIME, Trace.POSITION),
+    Family.TEMPERATURE: (Trace.TIME, Trace.DIRECTION),
+    Family.CURRENT: (Trace.LOAD,),
+    Family.MOTION: (Trace.POSITION,),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +148,7 @@ class Effect:
     left_out: ClassVar[str] = ""
     scope: ClassVar[Scope] = Scope.JOINT
     family: ClassVar[Family]
+    #: That of the family where it is not stated.
     trace: ClassVar[tuple[Trace, ...]] = ()
     #: The runs that show it best, to go after "it is seen best in".
     seen_in: ClassVar[str] = ""
@@ -149,17 +168,21 @@ class Effect:
     #: Whether its parameters are separate for each set of positions at which the outer joints are held.
     per_posture: ClassVar[bool] = False
     #: Whether it is friction, so that `signs` count along the current that overcomes friction (which is against the
-    #: direction of motion where the motor counts its current backwards).
+    #: direction of motion where the motor counts its current backwards); so it is where the formula has ``s``.
     opposes_motion: ClassVar[bool] = False
     #: Whether a joint may have it several times with other shapes (two harmonics).
     is_repeatable: ClassVar[bool] = False
     #: Name of the shape that is a frequency of the own position, looked for by a periodogram on the finest cells.
     periodic: ClassVar[str | None] = None
-    #: Whether its columns are made from `Samples.loads`, so that they wait for a fit and move with it.
+    #: Whether its columns are made from `Samples.loads`, so that they wait for a fit and move with it;
+    #: so it is where the formula has loads.
     needs_loads: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
-        cls.equation = cls.equation or printed(cls.formula)
+        names = names_in(cls.formula) if cls.formula else frozenset[str]()
+        cls.equation, cls.trace = cls.equation or printed(cls.formula), cls.trace or TRACES.get(cls.family, ())
+        cls.needs_loads = cls.needs_loads or bool(names & OF_LOADS)
+        cls.opposes_motion = cls.opposes_motion or "s" in names
 
     @property
     def name(self) -> str:

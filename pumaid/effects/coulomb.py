@@ -1,6 +1,6 @@
 """Coulomb friction: a constant current against the motion, its own in each direction."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects.base import Effect, Family, Parameter
 
 
 class Coulomb(Effect):
@@ -13,7 +13,6 @@ class Coulomb(Effect):
     formula = "plus * (s > 0) + minus * (s < 0)"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
     family = Family.DIRECTION
-    trace = (Trace.DIRECTION,)
     base = True
     linear = (
         Parameter("plus", "A", "current at zero speed, forward", "lambda1+", 0.4),

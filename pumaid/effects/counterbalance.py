@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -24,7 +24,6 @@ class Counterbalance(Effect):
         " arXiv:1311.6810 (geometry of the gravity compensator, here with a constant force)"
     )
     family = Family.TORQUE
-    trace = (Trace.POSITION,)
     seen_in = "runs of its joint over the whole span, in postures that change the joint's load"
     look_alikes = ("spring", "tilt", "ripple", "flexibility")
     linear = (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)

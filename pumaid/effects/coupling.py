@@ -26,7 +26,6 @@ class Coupling(Effect):
     trace = (Trace.POSITION, Trace.LOAD)
     seen_in = "runs in which the load of the joint that causes it changes: other postures, or a payload"
     look_alikes = ("zero_offset", "tilt", "counterbalance")
-    needs_loads = True
     linear = (Parameter("c", "1", "current of the other joint per load of this one", "c{n}", 0.1, -20.0, 20.0),)
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:

@@ -22,7 +22,6 @@ class Delay(Effect):
     trace = (Trace.POSITION, Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at several speeds, over stretches on which the load changes steeply"
     look_alikes = ("position_friction",)
-    needs_loads = True
     linear = (Parameter("dt", "s", "how late the current is logged", "dt{n}", 0.01, -1.0, 1.0),)
     not_sliding = "its load does not change with its own position"
     only_loaded = True

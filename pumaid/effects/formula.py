@@ -34,11 +34,10 @@ FUNCTIONS = {
     "max": np.maximum,
 }
 
-#: Quantities that a posture and velocities determine, so that an exported model can have them.
-OF_MOTION = frozenset({"q", "v", "s", "shaft", "joint", "load", "drawn", "across", "tilt_x", "tilt_y"}) | {
-    "load_owner",
-    "slope_owner",
-}
+#: Quantities made from the loads that a fit gives; and those that a posture and velocities determine, so that an
+#: exported model can have them.
+OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner"})
+OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "joint"}
 
 
 def loads_of(samples: Samples) -> Loads:

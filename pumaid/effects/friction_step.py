@@ -1,6 +1,6 @@
 """A friction that changed at one instant: a brake that drags, a bolt that was tightened, grease that was renewed."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 
 
 class FrictionStep(Effect):
@@ -19,7 +19,6 @@ class FrictionStep(Effect):
         " Abrupt Changes, Prentice Hall 1993, chapter 2 (change of a mean)"
     )
     family = Family.TIME
-    trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "runs both ways that are repeated before and after"
     look_alikes = ("warmup", "torque_constant_drift", "thermal_friction")
     is_repeatable = True

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 
@@ -25,7 +25,6 @@ class Gravity(Effect):
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (9)-(25)"
     scope = Scope.LINK
     family = Family.GRAVITY
-    trace = (Trace.POSITION,)
     base = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:

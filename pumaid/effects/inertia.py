@@ -1,6 +1,6 @@
 """Inertia: the current that accelerates the moving joint."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Scope
 
 
 class Inertia(Effect):
@@ -16,7 +16,6 @@ class Inertia(Effect):
     scope = Scope.JOINT
     family = Family.MOTION
     opposes_motion = True
-    trace = (Trace.POSITION,)
     seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")
     per_posture = True

@@ -1,6 +1,6 @@
 """Friction in proportion to the load: a gear's efficiency."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace, load_refusal
+from pumaid.effects.base import Effect, Family, Parameter, load_refusal
 from pumaid.robot import Robot
 
 
@@ -21,11 +21,8 @@ class LoadFriction(Effect):
         " load and velocity, IROS 2010, 6187-6193"
     )
     family = Family.LOAD
-    opposes_motion = True
-    trace = (Trace.LOAD, Trace.DIRECTION)
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
     look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
-    needs_loads = True
     linear = (
         Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0),
         Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0),

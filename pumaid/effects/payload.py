@@ -12,7 +12,6 @@ from pumaid.effects.base import (
     Parameter,
     Scope,
     Shape,
-    Trace,
     load_refusal,
 )
 from pumaid.effects.formula import loads_of
@@ -40,7 +39,6 @@ class Payload(Effect):
     )
     scope = Scope.ARM
     family = Family.PAYLOAD
-    trace = (Trace.TIME, Trace.POSITION)
     seen_in = "the same runs with and without it"
     look_alikes = ("torque_constant_drift", "tilt")
     needs_loads = True

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -26,7 +26,6 @@ class PositionFriction(Effect):
         " Automation 1988, 1422-1427 (position-dependent friction of a PUMA 560)"
     )
     family = Family.POSITION
-    trace = (Trace.POSITION, Trace.DIRECTION)
     seen_in = "runs both ways over the joint's whole span"
     look_alikes = ("load_friction", "side_load_friction")
     is_repeatable = True

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -28,8 +28,6 @@ class Presliding(Effect):
         " Automatic Control 40 (1995) 419-425"
     )
     family = Family.START
-    opposes_motion = True
-    trace = (Trace.POSITION, Trace.DIRECTION)
     seen_in = "slow runs both ways, each from rest"
     look_alikes = ("inertia",)
     linear = (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1),)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -34,7 +34,6 @@ class Ripple(Effect):
         " and Automation 12 (1996) 368-374"
     )
     family = Family.RIPPLE
-    trace = (Trace.POSITION,)
     seen_in = "slow runs over a wide span, sampled fast"
     look_alikes = ()
     is_repeatable = True

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -26,10 +26,8 @@ class Saturation(Effect):
         " the actuator)"
     )
     family = Family.CURRENT
-    trace = (Trace.LOAD,)
     seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")
-    needs_loads = True
     linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0),)
     nonlinear = (Shape("limit", "A", "current above which it is clipped", 1e-4, 1000.0, 2.0),)
     sign = (1,)  # what is clipped is missing

@@ -1,6 +1,6 @@
 """Friction of bearings under the moment that bends across the axis."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects.base import Effect, Family, Parameter
 
 
 class SideLoadFriction(Effect):
@@ -20,11 +20,8 @@ class SideLoadFriction(Effect):
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013 (perpendicular load)"
     )
     family = Family.LOAD
-    opposes_motion = True
-    trace = (Trace.LOAD, Trace.DIRECTION)
     seen_in = "runs both ways in postures in which gravity bends the joint's axis much and little"
     look_alikes = ("load_friction", "position_friction")
-    needs_loads = True
     linear = (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0),)
     sign = (1,)  # a load never helps the motion
     not_sliding = "how its guide is loaded cannot be known from its weight alone"

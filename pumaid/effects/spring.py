@@ -1,6 +1,6 @@
 """A spring at the joint: hoses, cables, a torsion bar."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects.base import Effect, Family, Parameter
 
 
 class Spring(Effect):
@@ -17,7 +17,6 @@ class Spring(Effect):
         " identification package for the da Vinci Research Kit, IEEE Robotics and Automation Letters 4 (2019) 3657-3664"
     )
     family = Family.TORQUE
-    trace = (Trace.POSITION,)
     seen_in = "runs over the joint's whole span, in postures of much and little load"
     look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")
     linear = (Parameter("a", "A/{unit}", "stiffness, as current", "a{n}", 0.1),)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -28,8 +28,6 @@ class Stribeck(Effect):
         " (1994) 1083-1138, section 2"
     )
     family = Family.SPEED
-    opposes_motion = True
-    trace = (Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
     look_alikes = ("viscous_power", "torque_droop", "saturation")
     linear = (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1),)

@@ -1,6 +1,6 @@
 """Friction that follows a measured temperature."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects.base import Effect, Family, Parameter
 
 
 class ThermalFriction(Effect):
@@ -19,7 +19,6 @@ class ThermalFriction(Effect):
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
     )
     family = Family.TEMPERATURE
-    trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "logs that hold the motors' temperatures, of a cold and of a warm arm"
     look_alikes = ("warmup", "torque_constant_drift", "friction_step")
     linear = (Parameter("a", "A/degC", "friction per degree", "a{n}", -0.008),)

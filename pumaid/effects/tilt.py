@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope, Shape, load_refusal
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -27,10 +27,8 @@ class Tilt(Effect):
     )
     scope = Scope.ARM
     family = Family.GRAVITY
-    trace = (Trace.POSITION,)
     seen_in = "runs of a joint whose axis is upright, and of others in several postures"
     look_alikes = ("zero_offset", "counterbalance", "coupling", "spring")
-    needs_loads = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         out = [

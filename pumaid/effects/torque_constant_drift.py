@@ -21,6 +21,5 @@ class TorqueConstantDrift(Effect):
     trace = (Trace.TIME, Trace.LOAD)
     seen_in = "runs under much load, repeated over one long recording from a cold start"
     look_alikes = ("warmup", "thermal_friction", "friction_step", "payload")
-    needs_loads = True
     linear = (Parameter("a", "1", "share of current that is added when warm", "a{n}", 0.05, -1.0, 1.0),)
     nonlinear = (Shape("time_constant", "s", "time in which the change is down to 1/e", 1.0, 1e6, 900.0),)

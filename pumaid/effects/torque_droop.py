@@ -1,6 +1,6 @@
 """A motor that gives less torque per ampere at high current."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects.base import Effect, Family, Parameter
 
 
 class TorqueDroop(Effect):
@@ -18,9 +18,7 @@ class TorqueDroop(Effect):
         " (saturation of the torque constant)"
     )
     family = Family.CURRENT
-    trace = (Trace.LOAD,)
     seen_in = "runs under much and little load, up to high currents"
     look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")
-    needs_loads = True
     linear = (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01),)
     sign = (1,)  # the motor gives less, so it needs more

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 from pumaid.samples import Extent
 
@@ -21,8 +21,6 @@ class ViscousPower(Effect):
         " compensation, European Journal of Control 4 (1998) 176-195, section 2 (classical models)"
     )
     family = Family.SPEED
-    opposes_motion = True
-    trace = (Trace.SPEED, Trace.DIRECTION)
     seen_in = "runs both ways at four speeds or more, up to the fastest allowed"
     look_alikes = ("stribeck", "torque_droop", "saturation")
     linear = (Parameter("b", "A", "current at unit speed (1 rad/s or 1 m/s)", "b{n}", 0.15),)

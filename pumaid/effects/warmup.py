@@ -1,6 +1,6 @@
 """Warm-up: friction that fades as the joint runs itself warm."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects.base import Effect, Family, Parameter, Shape
 
 
 class Warmup(Effect):
@@ -18,8 +18,6 @@ class Warmup(Effect):
         " robot manipulators, IROS 2015, 3524-3529"
     )
     family = Family.TIME
-    opposes_motion = True
-    trace = (Trace.TIME, Trace.DIRECTION)
     seen_in = "runs both ways, repeated over one long recording from a cold start"
     look_alikes = ("torque_constant_drift", "thermal_friction", "friction_step")
     linear = (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1),)

@@ -9,7 +9,6 @@ from pumaid.effects.base import (
     Family,
     Parameter,
     Scope,
-    Trace,
     load_refusal,
 )
 from pumaid.robot import Robot
@@ -32,10 +31,8 @@ class ZeroOffset(Effect):
     )
     scope = Scope.CAUSE
     family = Family.GRAVITY
-    trace = (Trace.POSITION,)
     seen_in = "runs of the joints before it while it is held at several positions, better with a payload"
     look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")
-    needs_loads = True
     linear = (Parameter("delta", "rad", "true position less measured position", "delta{n}", 0.03, -0.5, 0.5),)
 
     def applies(self, robot: Robot, joint: int) -> str | None:

@@ -76,10 +76,9 @@ class FittedParameters:
         solution = first.solution if first else fitted.solution
         covariance = completed(solution.linear.inverse, errors.covariance, errors.freedoms < FEWEST_FREEDOMS)
         dof = _freedoms(fitted, errors, recursive=recursive)
-        if first:
-            return cls(fitted, solution, covariance, dof, coverage, absorbed=first.absorbed)
-        partners = Confounding.of(fitted).partners(fitted)
-        return cls(fitted, solution, covariance, dof, coverage, confounded=partners)
+        absorbed = first.absorbed if first else {}
+        partners = {} if first else Confounding.of(fitted).partners(fitted)
+        return cls(fitted, solution, covariance, dof, coverage, absorbed=absorbed, confounded=partners)
 
     def reach(self) -> Floats:
         """(P, b) undetermined directions of parameters and ratios, as long as is plausible (see `Estimate.blind`)."""

@@ -134,7 +134,7 @@ class ShapeLikelihood:
         facts, (shape, before), step = self.shapes[name], best, stride
         rest = {other: (self.shapes[other].low, self.shapes[other].high) for other in self.term.fitted if other != name}
         for _ in range(MOST_STRIDES):
-            value = _clipped(facts, shape[name] + step)
+            value = float(np.clip(shape[name] + step, facts.low, facts.high))
             (near,) = self.at([shape | {name: value}])
             enough = PRECISE / max(abs(near[1].gain), 1.0)
             there, refit = self.best_near(near[0], rest, enough=enough) if rest else near
@@ -246,7 +246,7 @@ class EffectFit:
             if column.place is not None and column.shape is not None:
                 facts = model.effects[column.place].shapes(model.robot)[column.shape]
                 moved = out[column.place][column.shape] + float(value)
-                out[column.place][column.shape] = _clipped(facts, moved)
+                out[column.place][column.shape] = float(np.clip(moved, facts.low, facts.high))
         return tuple(out)
 
 
@@ -423,11 +423,8 @@ class ShapeSearch:
                 continue
             facts, now = term.shapes(self.model.robot)[name], shape[name]
             longest = LONGEST * scale_of(facts, now)
-            shape[name] = _clipped(facts, now + float(np.clip(self.fit.values[n], -longest, longest)))
+            moved = now + float(np.clip(self.fit.values[n], -longest, longest))
+            shape[name] = float(np.clip(moved, facts.low, facts.high))
             if now == shape[name] and now in (facts.low, facts.high):
                 held.append(name)
         return replace(term.at(shape, term.sizes), held=tuple(held))
-
-
-def _clipped(shape: Shape, value: float) -> float:
-    return min(max(value, shape.low), shape.high)

@@ -103,7 +103,12 @@ class Controller:
     def tune(self, inertia: Floats) -> None:
         """Take J from the inertia (J,) A s2/rad or A s2/m that the motors move, as they count."""
         self._inertia, self._wanting = SHARE * inertia * self._rate, SHARE * inertia * K_D
-        share = np.minimum(1.0, self._period / _averaging_time(SHARE * inertia, self._counts, self._period))
+        # Two readings, each wrong by a uniform part of a count, put J (K_D + 2/T) times their speed into the current.
+        shortest = FEWEST * self._period
+        unrest = np.abs(SHARE * inertia) * np.sqrt(1.0 / 6.0) / (self._counts * self._period)
+        calm = np.maximum(CALM / np.maximum(unrest, 1e-12) - K_D, 1e-6)
+        averaged = np.clip(2.0 / calm, shortest, max(LONGEST, shortest))
+        share = np.minimum(1.0, self._period / averaged)
         self._level, self._trend = 1.0 - (1.0 - share) ** 2, share**2
 
     def start(self, position: Floats, current: Floats) -> None:
@@ -148,17 +153,6 @@ class Controller:
         self.position, self.velocity = q, v
         self.current = self._wanting * (reach - v) + load
         return self.current
-
-
-def _averaging_time(inertia: Floats, counts: Floats, period: float) -> Floats:
-    """(J,) s over which the measured load is averaged.
-
-    Two readings, each wrong by a uniform part of a count, put J (K_D + 2/T) times their speed into the current.
-    """
-    shortest = FEWEST * period
-    unrest = np.abs(inertia) * np.sqrt(1.0 / 6.0) / (counts * period)
-    left_over = np.maximum(CALM / np.maximum(unrest, 1e-12) - K_D, 1e-6)
-    return np.clip(2.0 / left_over, shortest, max(LONGEST, shortest))
 
 
 class _Session:

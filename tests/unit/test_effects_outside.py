@@ -118,7 +118,7 @@ def test_wrong_names_are_refused(written, tmp_path, name, slug):
         ("    def columns", '    formula = "c * q"\n    def columns', "not what its columns say"),
         ('"c q^2"', '""', "equation"),
         ('"t"', "None", "title"),
-        ("(Trace.POSITION,)", "()", "trace"),
+        ("(Trace.POSITION,)", "('position',)", "trace"),
         ("0.1),)", "0.1, 0.5, 0.9),)", "not between"),
         ('return (Parameter("c", "A/rad2", "m", "c", 0.1),)', "return ()", "no parameters"),
         (" ** 2", " / abs(samples.position).max()", "which other instants"),
