@@ -90,7 +90,7 @@ def candidates() -> tuple[Candidate, ...]:
     found = stribeck()
     gate = "the error on runs left out does not fall"
     return (
-        Candidate("stribeck", 3, found.shape, "add", "passes", found.p_value, 41.3, 0.0152, 0.033, 0.0155, 0.4,
+        Candidate("stribeck", 3, found.shape, "add", "passes", found.p_value, 41.3, 0.0152, 0.033, 0.0155,
                   found.sizes, ("viscous_power",), found.command),
         Candidate("viscous_power", 3, {"exponent": 0.3}, "add", "passes", found.p_value, 38.0, 0.0153, 0.033, 0.0157),
         Candidate("tilt", None, {}, "doubtful", gate, 0.012, 6.0, 0.0305, 0.033, 0.0331, sizes=tilt().sizes),

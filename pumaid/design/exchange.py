@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -102,19 +101,6 @@ def continuous_design(
     return ContinuousDesign(whole, bound, rate / float(rate.max()))
 
 
-class Objective(Protocol):
-    """What a set of candidates, C of them counted, is to make small."""
-
-    def value(self, counts: Counts) -> float:
-        """For a set (C,)."""
-
-    def falls(self, counts: Counts) -> Floats:
-        """(C,) about how much the value falls by one more of each candidate, for ranking."""
-
-    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
-        """(N,) value with one more of each of N candidates."""
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanObjective:
     """The criterion of sets of candidate runs."""
@@ -144,7 +130,7 @@ class Exchange:
     V. V. Fedorov, Theory of Optimal Experiments, ch. 3 (exchange algorithm).
     """
 
-    objective: Objective
+    objective: PlanObjective
     seconds: Floats  # (C,) cost of each candidate
     block: Counts  # (C,) block of each candidate, from 0
     opening: Floats  # (C,) cost of the first candidate of its block

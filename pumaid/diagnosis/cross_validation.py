@@ -60,11 +60,6 @@ def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
     return folds
 
 
-def posture_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
-    """All runs of a joint in one posture."""
-    return [(joint, group) for joint in joints for group in solved.row(joint).bins.postures]
-
-
 def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) -> FoldLosses:
     """Leave each fold out, choose one of the effect's shapes and fit without it, and see what it then predicts.
 

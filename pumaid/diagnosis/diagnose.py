@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.diagnosis.candidates import Key, Suspect
-from pumaid.diagnosis.cross_validation import leave_out, posture_folds
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
 from pumaid.diagnosis.detection_limit import detection_limits
@@ -58,8 +57,6 @@ IDENTIFY = "pumaid identify LOGS"
 TOGETHER = 0.95
 #: Candidates listed for a joint.
 LISTED = 5
-#: Postures from which leaving one out says whether a finding travels.
-POSTURES = 4
 #: Joints whose picture a finding of several joints carries.
 PICTURES = 2
 #: Runs at constant speed from which a joint's strokes are not needed.
@@ -282,20 +279,10 @@ class DiagnosisBuilder:
             "rmse_after": min(candidate.after.values(), default=None),
             "rmse_heldout_before": falls.before if falls else None,
             "rmse_heldout_after": falls.after if falls else None,
-            "posture_gain": _posture_gain(candidate),
             "sizes": sizes(candidate),
             "rivals": tuple(names),
             "command": option and f"{IDENTIFY} --add {option}",
         }
-
-
-def _posture_gain(candidate: EvaluatedCandidate) -> float | None:
-    """Share of the error in postures left out that it takes away."""
-    folds = posture_folds(candidate.on, sorted(candidate.after))
-    if len(folds) < POSTURES * len(candidate.after) or candidate.falls is None:
-        return None
-    losses = leave_out(candidate.on, [candidate.trial.added], folds)
-    return 1.0 - losses.after / losses.before if losses.before > 0 else None
 
 
 def diagnose(

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from pumaid.dataset import Campaign, Dataset, Run
-from pumaid.design.candidate_runs import Block, Sweep, free_blocks, home, postures, speeds, sweeps, top_speed
+from pumaid.design.candidate_runs import Block, free_blocks, home, postures, speeds, sweeps, top_speed
 from pumaid.design.collision import Collision
-from pumaid.design.exchange import Exchange
 from pumaid.design.prior import prior_robots
 from pumaid.diagnosis.candidates import Suspect, grid_of
 from pumaid.diagnosis.records import Finding
 from pumaid.diagnosis.score_test import ScoreTest, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
-from pumaid.effect_spec import EffectTerm, at_one_joint, columns_each, known_effect
-from pumaid.effects import Scope, Trace
+from pumaid.effect_spec import EffectTerm, at_one_joint, columns_each, known_effect, option_text
+from pumaid.effects import Scope, Trace, catalogue
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import ABSORBED, Fit, FitRow, Projector, elsewhere, loaded
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.joint_bins import COARSE, extent, joint_bins
+from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
@@ -38,8 +38,8 @@ from pumaid.units import deviations, factor, number
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-#: Distinct candidates of a set at most, and how often each is made: an effect is believed when it repeats.
-PICKED, REPLICATES = 2, 2
+#: How often each of the two candidates of a set is made.
+REPLICATES = 2
 #: Chance of a decision that is promised, and sets of runs beyond which none is.
 PROMISED, MOST_REPEATS = 0.9, 20
 #: Standard deviations below which a set is not worth making, and with which an effect shows among a whole catalogue.
@@ -60,8 +60,8 @@ BINS, A_WAVE, MOST_BINS = 40, 4, 512
 _MOST_SETS, _LEAST, _LARGEST = 12, 1e-12, 1e9
 #: Samples a second and bins a run of a rehearsal.
 _RATE, _BINS = 50.0, 60
-#: Ridge on scaled information.
-_RIDGE = 1e-10
+#: Ridge on scaled information; share of the worth of a set that is rounding.
+_RIDGE, _EQUAL = 1e-10, 1e-6
 #: What could tell effects apart where no run within the limits does, by the residual that shows both.
 _WAYS_OUT = {
     Trace.LOAD: "another payload would change the load without the position",
@@ -72,17 +72,15 @@ _WAYS_OUT = {
 }
 #: An effect taken for true, its sizes, the data's score statistic for it, and shapes of its rival (or none).
 Pair = tuple[EffectTerm, Floats, float, Sequence[EffectTerm]]
-#: Runs of a joint that are not made yet, as a row of the fit, and (R,) the candidate of each.
-RunsAhead = tuple[FitRow, Counts]
 
 
 def plan_for_effect(
     robot: Robot,
     wanted: EffectChoice,
     *,
+    whole: Callable[[], Plan],
     against: EffectChoice | None = None,
     size: float | None = None,
-    whole: Callable[[], Plan] | None = None,
     dataset: Dataset | None = None,
     prior: Estimate | None = None,
     seed: int = 0,
@@ -107,30 +105,28 @@ def plan_for_effect(
     truth = prior_robots(robot, estimate=prior, seed=seed).robots[0]
     hidden = usual(truth, effect, size)
     if dataset is None:
-        if whole is None:
-            raise ValueError("without logs there must be an experiment to rehearse")
         base = whole()
         tell("rehearsing the experiment on a virtual robot")
         dataset = rehearsed(truth if rival is None or hidden is None else truth.hiding([hidden]), base, seed=seed)
     solved = solved_on(robot, [run for run in dataset.runs if not run.heldout])
     tell("choosing runs")
-    name = _named(effect)
+    name, runs = option_text(effect.effect, effect.joint, {}), None
+    title, mend = f"shows {name}", "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
     if rival is None:
-        title, runs = f"shows {name}", showing(solved, effect, {} if hidden is None else hidden.values)
+        runs = showing(solved, effect, {} if hidden is None else hidden.values)
     else:
-        title = f"tells {name} from {_named(rival)}"
-        first, second = (_best_trial(solved, choice) for choice in (effect, rival))
-        runs, lead = deciding(solved, first, second), evidence(solved, first) - evidence(solved, second)
-        if lead > DECISIVE:
-            text = (
-                f"the runs before these tell {name} of this size from {_named(rival)} already (evidence"
-                f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more"
-            )
-            notes.append(Note("plan-decided", text))
+        other, first, second = option_text(rival.effect, rival.joint, {}), *(_trial(solved, c) for c in (effect, rival))
+        title = f"tells {name} from {other}"
+        mend = mend if base else "plan without --logs for the size that you look for"
+        if first is not None and second is not None:
+            runs, lead = deciding(solved, first, second), evidence(solved, first) - evidence(solved, second)
+            if lead > DECISIVE:
+                text = (
+                    f"the runs before these tell {name} of this size from {other} already (evidence {number(lead, 3)}"
+                )
+                notes.append(Note("plan-decided", f"{text}, decisive from {DECISIVE:g}); a smaller one needs more"))
     if runs is None or not runs.motions:
-        of = "" if size is None or rival is not None else f" of the size {number(size, 3)}"
-        of += " of the size that these logs have of them" if rival is not None and base is None else ""
-        raise _undecided(f"no run within the limits {title}{of}", is_of_logs=rival is not None and base is None)
+        raise ModelError("plan-undecided", f"no run within the limits {title}", mend=mend)
     return _plan(base or Plan(robot.name, ()), runs, robot, title=title, notes=notes)
 
 
@@ -150,44 +146,29 @@ def usual(truth: Truth, wanted: EffectChoice, size: float | None = None) -> Hidd
 
     None where the simulator has no such effect and no size is given.
     """
-    typical = None
+    values: Mapping[str, float] = {}
     if wanted.effect in LAWS:
         with suppress(ModelError):
-            typical = truth.hiding([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))]).hidden[0]
-    if size is None:
-        return typical
-    if not _LEAST <= abs(size) <= _LARGEST:
+            values = truth.hiding([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))]).hidden[0].values
+    if size is not None and not _LEAST <= abs(size) <= _LARGEST:
         what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
         raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
-    effect, joint = known_effect(wanted.effect, Where()), wanted.joint or 0
-    first = effect.parameters(truth.robot, joint)[0].name
-    shapes = {shape.name for shape in effect.shapes(truth.robot, joint)}
-    values = {} if typical is None else typical.values
-    share = size / values[first] if values.get(first) else 1.0
-    scaled = {name: value if name in shapes else share * value for name, value in values.items()}
-    return Hidden(wanted.effect, wanted.joint, {**scaled, first: size})
+    if size is not None:
+        effect, joint = catalogue()[wanted.effect], wanted.joint or 0
+        first = effect.parameters(truth.robot, joint)[0].name
+        shapes = {shape.name for shape in effect.shapes(truth.robot, joint)}
+        share = size / values[first] if values.get(first) else 1.0
+        values = {name: value if name in shapes else share * value for name, value in values.items()} | {first: size}
+    return Hidden(wanted.effect, wanted.joint, dict(values)) if values else None
 
 
-def _best_trial(solved: Fit, choice: EffectChoice) -> ScoreTest:
-    """The effect at its best shape on the runs so far."""
-    effect, projector = known_effect(choice.effect, Where()), Projector(solved)
+def _trial(solved: Fit, choice: EffectChoice) -> ScoreTest | None:
+    """The effect at its best shape on the runs so far; None where the model absorbs it."""
+    effect, projector = catalogue()[choice.effect], Projector(solved)
     shaped = [EffectTerm(effect, choice.joint, dict(choice.shape))]
     terms = shaped if choice.shape else grid_of(solved, effect, choice.joint) or shaped
     trials = [trial for trial in scores_at(projector, terms[:: max(1, len(terms) // SHAPES)]) if trial is not None]
-    if not trials:
-        raise _undecided(f"{_named(choice)} leaves no trace in these runs that the model does not absorb")
-    return refine_shape(projector, max(trials, key=lambda trial: trial.statistic))
-
-
-def _undecided(what: str, *, is_of_logs: bool = False) -> ModelError:
-    mend = "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
-    return ModelError(
-        "plan-undecided", what, mend="plan without --logs for the size that you look for" if is_of_logs else mend
-    )
-
-
-def _named(choice: EffectChoice) -> str:
-    return choice.effect if choice.joint is None else f"{choice.effect}@{choice.joint}"
+    return refine_shape(projector, max(trials, key=lambda trial: trial.statistic)) if trials else None
 
 
 def _plan(base: Plan, added: NextRun, robot: Robot, *, title: str, notes: Sequence[Note]) -> Plan:
@@ -231,28 +212,26 @@ def deciding(fit: Fit, first: ScoreTest, second: ScoreTest) -> NextRun:
     for effect in (term.effect for term in terms):
         if isinstance(effect, Suspect):
             return NextRun(f"change {effect.column} on purpose while all else is repeated: no plan of motions can")
-    shapes = [[term, *_grid(fit, term)] for term in terms]
-    pairs = [
-        (test.added, test.sizes, test.statistic, rival)
-        for test, rival in zip((first, second), reversed(shapes), strict=True)
-    ]
-    best = _best_set(fit, pairs, enough=lambda gains: bool(_chance(gains, lead)[0] >= PROMISED))
-    chosen, rival = _names(terms)
-    if best is None or best.gains.max() < LEAST**2:
+    rivals = [[term, *_grid(fit, term)] for term in reversed(terms)]
+    pairs = [(t.added, t.sizes, t.statistic, rival) for t, rival in zip((first, second), rivals, strict=True)]
+    motions, gains, words = _best_set(fit, pairs, enough=lambda gains: bool(_chance(gains, lead)[0] >= PROMISED))
+    at = [f" at joint {term.joint}" if term.joint and terms[0].joint != terms[1].joint else "" for term in terms]
+    chosen, rival = (term.effect.name + place for term, place in zip(terms, at, strict=True))
+    if gains.max(initial=0.0) < LEAST**2:
         shared = [trace for trace in _WAYS_OUT if all(trace in term.effect.trace for term in terms)]
         way_out = _WAYS_OUT[shared[0] if shared else Trace.DIRECTION]
         return NextRun(f"no run within the limits tells {chosen} and {rival} apart; {way_out}")
-    chances = _chance(best.gains * np.arange(1, MOST_REPEATS + 1), lead)
+    chances = _chance(gains * np.arange(1, MOST_REPEATS + 1), lead)
     sure = np.flatnonzero(chances >= PROMISED)
-    apart = np.sqrt(best.gains[:, 0])
+    apart = np.sqrt(gains[:, 0])
     text = (
-        f"{_in_words(fit.model.robot, best, terms)}: {chosen} and {rival} would then differ by"
+        f"{words}: {chosen} and {rival} would then differ by"
         f" {deviations(apart[0])} standard deviations if it is {chosen}, by {deviations(apart[1])} if it is {rival}"
     )
     if not len(sure):
         once, often = (100.0 * float(chances[k]) for k in (0, -1))
         text += f"; they decide with a chance of {once:.0f} %, made {MOST_REPEATS} times with {often:.0f} %"
-    return NextRun(text, best.motions, float(apart.min()), int(sure[0]) + 1 if len(sure) else None)
+    return NextRun(text, motions, float(apart.min()), int(sure[0]) + 1 if len(sure) else None)
 
 
 def showing(fit: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun | None:
@@ -261,38 +240,34 @@ def showing(fit: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> Next
     `values` are shapes, and of its parameters the first, the others being in the proportion of the effect's examples. A
     shape that is given nowhere is one from the middle of the effect's grid.
     """
-    robot, effect, joint = fit.model.robot, known_effect(wanted.effect, Where()), wanted.joint or 0
+    robot, effect, joint = fit.model.robot, catalogue()[wanted.effect], wanted.joint or 0
     parameters, shapes = effect.parameters(robot, joint), effect.shapes(robot, joint)
     if not parameters or effect.applies(robot, joint) is not None:
         return None
     sizes = np.array([parameter.example for parameter in parameters])
-    size = values.get(parameters[0].name)
-    if size is not None and sizes[0] != 0.0:
-        sizes = sizes * size / sizes[0]
-    usual_term = EffectTerm(effect, wanted.joint, {item.name: item.example for item in shapes})
-    grid, names = _grid(fit, usual_term, most=None) or [usual_term], [item.name for item in shapes]
-    given = {name: value for name, value in {**values, **wanted.shape}.items() if name in names}
-    term = replace(usual_term, shape={**grid[len(grid) // 2].shape, **given})
+    sizes = sizes * values.get(parameters[0].name, sizes[0]) / (sizes[0] or 1.0)
+    term = EffectTerm(effect, wanted.joint, {item.name: item.example for item in shapes})
+    grid = _grid(fit, term, most=None) or [term]
+    middle, given = grid[len(grid) // 2].shape, {**values, **wanted.shape}
+    term = replace(term, shape={name: given.get(name, middle[name]) for name in term.shape})
     if "time" in term.shape:  # an instant that has passed
         return None
-    pairs = [(term, part, 0.0, ()) for part in np.diag(sizes)]
-    best = _best_set(fit, pairs, enough=lambda gains: bool(gains.min() >= FOUND**2))
-    gain = 0.0 if best is None else float(best.gains.min())
-    if best is None or MOST_REPEATS * gain < FOUND**2:
+    pairs: list[Pair] = [(term, part, 0.0, ()) for part in np.diag(sizes)]
+    motions, gains, words = _best_set(fit, pairs, enough=lambda gains: bool(gains.min() >= FOUND**2))
+    gain = float(gains.min()) if motions else 0.0
+    if MOST_REPEATS * gain < FOUND**2:
         return None
-    apart = float(np.sqrt(gain))
-    text = f"{_in_words(robot, best, [term])}: {effect.name} would show by {deviations(apart)} standard deviations"
-    return NextRun(text, best.motions, apart, int(np.ceil(FOUND**2 / gain)))
+    text = f"{words}: {effect.name} would show by {deviations(np.sqrt(gain))} standard deviations"
+    return NextRun(text, motions, float(np.sqrt(gain)), int(np.ceil(FOUND**2 / gain)))
 
 
 def _grid(fit: Fit, term: EffectTerm, *, most: int | None = SHAPES) -> list[EffectTerm]:
     """The term with the shapes of its effect's grid, evenly thinned; none of an effect that is periodic or arm-wide."""
-    row = fit.by_bin.get(term.joint or 0)
-    if row is None or term.effect.periodic is not None:
+    if term.joint not in fit.by_bin or term.effect.periodic is not None:
         return []
-    grid = term.effect.grid(fit.model.robot, extent([row.bins], row.bins.joint, row.drawn))
+    grid = grid_of(fit, term.effect, term.joint)
     thinned = np.linspace(0, len(grid) - 1, min(len(grid), most or len(grid))).round().astype(int)
-    return [replace(term, shape={**term.shape, **grid[k]}) for k in thinned]
+    return [replace(term, shape={**term.shape, **grid[k].shape}) for k in thinned]
 
 
 def _chance(gains: Floats, lead: float) -> Floats:
@@ -309,7 +284,7 @@ def _chance(gains: Floats, lead: float) -> Floats:
 class Separation:
     """How far a rival stays from what an effect predicts, fitted to the data and to `count` candidates' runs."""
 
-    def __init__(self, fit: Fit, runs: Sequence[RunsAhead], count: int, *, pair: Pair) -> None:
+    def __init__(self, fit: Fit, runs: Sequence[tuple[FitRow, Counts]], count: int, *, pair: Pair) -> None:
         truth, sizes, statistic, rival = pair
         self.scale = (fit.square - statistic) / max(fit.size - fit.rank, 1)
         self.width, self.shapes = len(fit.inverse), len(rival)
@@ -367,91 +342,60 @@ def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bo
     return row.noise.whiten(row.bins, columns_each(terms, fit.model.robot, samples))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Chosen:
-    """A set of candidates: how often each is made (each `REPLICATES` times that), its gains (D, 1), new postures."""
+def _best_set(
+    fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], bool]
+) -> tuple[tuple[Motion, ...], Floats, str]:
+    """The best set of one or two candidates in which the true effects act, made at the begin of a new recording.
 
-    candidates: dict[Block, int]
-    gains: Floats
-    new: frozenset[tuple[float, ...]]
-
-    @property
-    def motions(self) -> tuple[Motion, ...]:
-        """All runs in rounds, so that replicates lie apart in time."""
-        rounds = range(REPLICATES * max(self.candidates.values()))
-        made = [(c, REPLICATES * count) for c, count in self.candidates.items()]
-        return tuple(motion for k in rounds for c, count in made if count > k for motion in c.motions)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _WorstSeparation:
-    """Objective of the exchange: the smallest gain of a set, new postures counting less; its negative is made small."""
-
-    separations: Sequence[Separation]
-    caution: Floats
-
-    def gains(self, counts: Counts) -> Floats:
-        """(D, M) of M sets (M, C)."""
-        return np.array([part.gains(REPLICATES * np.atleast_2d(counts).astype(float)) for part in self.separations])
-
-    def _values(self, counts: Counts) -> Floats:
-        share = counts @ self.caution / np.maximum(counts.sum(axis=1), 1)
-        return np.asarray(-self.gains(counts).min(axis=0) * share)
-
-    def value(self, counts: Counts) -> float:
-        return float(self._values(counts[None])[0])
-
-    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
-        return self._values(counts + np.eye(len(counts), dtype=np.int64)[candidates])
-
-    def falls(self, counts: Counts) -> Floats:
-        return self.value(counts) - self.values_with(counts, np.arange(len(counts)))
-
-
-def _best_set(fit: Fit, pairs: Sequence[Pair], *, enough: Callable[[Floats], bool]) -> Chosen | None:
-    """The best set of candidates in which the true effects act, made at the begin of a new recording; or None."""
+    Its motions in rounds, so that replicates lie apart in time, the (D, 1) gain of each pair, and the set in words; of
+    no candidate at all, nothing. From several candidates on, each gets its best partner, that its own, and so on: the
+    exchange algorithm for sets of two.
+    """
     terms, robot = [truth for truth, *_ in pairs], fit.model.robot
     moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
     tables = [candidates(fit, joint) for joint in moved]
     tried = [candidate for table, _ in tables for candidate in table]
     new = frozenset(hold for _, holds in tables for hold in holds)
-    bins = _bins_for(fit, terms)
+    waves = [0.0]
+    for term in (term for term in terms if term.effect.periodic is not None and term.joint is not None):
+        width = np.ptp(fit.row(term.number).bins.samples.position[:, term.number - 1])
+        waves.append(float(term.shape[str(term.effect.periodic)] * width / (2.0 * np.pi)))
+    bins = int(np.clip(A_WAVE * max(waves), BINS, MOST_BINS))
     limit = max(TRIED * BINS // bins, 32)
     if len(tried) > limit:
         rng = np.random.default_rng(len(tried))
         tried = [tried[k] for k in np.sort(rng.permutation(len(tried))[:limit])]
     if not tried:
-        return None
+        return (), np.zeros((0, 1)), ""
     joint = np.array([candidate.joint for candidate in tried])
     runs = [runs_ahead(fit, tried, np.flatnonzero(joint == j), bins=bins) for j in np.unique(joint)]
     separations = [Separation(fit, runs, len(tried), pair=pair) for pair in pairs]
-    worst = _WorstSeparation(separations, np.array([1.0 / CAUTION if c.hold in new else 1.0 for c in tried]))
-    none, ones = np.zeros(len(tried), dtype=np.int64), np.ones(len(tried))
-    exchange = Exchange(worst, ones, np.arange(len(tried)), 0.0 * ones, budget=float(PICKED), limit=PICKED)
-    greedy = exchange.filled(none)
-    best = tried[int(np.argmax(greedy))]
+    caution = np.array([1.0 / CAUTION if candidate.hold in new else 1.0 for candidate in tried])
+    single = np.eye(len(tried))
+
+    def gains(counts: Floats) -> Floats:
+        return np.array([part.gains(REPLICATES * counts) for part in separations])
+
+    def worth(counts: Floats) -> Floats:
+        return np.asarray(gains(counts).min(axis=0) * (counts @ caution) / counts.sum(axis=1))
+
+    alone = worth(single)
+    best = tried[int(np.argmax(alone))]
     alike = [k for k, c in enumerate(tried) if (c.joint, c.hold) == (best.joint, best.hold)]
     alike.sort(key=lambda k: tried[k].sweeps[0].speed)
+    sets = dict[tuple[int, ...], float]()
     # Candidates chosen one by one miss what tells something only together, such as the slowest and the fastest.
-    extremes = np.bincount([alike[0], alike[-1]], minlength=len(tried))
-    counts = min((exchange.exchanged(start, required=none) for start in (greedy, extremes)), key=worst.value)
-    while counts.sum() > 1:
-        places = np.flatnonzero(counts).tolist()
-        fewer = min((counts - np.eye(len(counts), dtype=np.int64)[k] for k in places), key=worst.value)
-        if not enough(worst.gains(fewer)):
-            break
-        counts = fewer
-    return Chosen({tried[k]: int(counts[k]) for k in np.flatnonzero(counts).tolist()}, worst.gains(counts), new)
-
-
-def _bins_for(fit: Fit, terms: Sequence[EffectTerm]) -> int:
-    """Bins a run that show all effects, periodic ones too."""
-    waves = [0.0]
-    for term in terms:
-        if term.effect.periodic is not None and term.joint is not None:
-            width = np.ptp(fit.row(term.joint).bins.samples.position[:, term.joint - 1])
-            waves.append(float(term.shape[term.effect.periodic] * width / (2.0 * np.pi)))
-    return int(np.clip(A_WAVE * max(waves), BINS, MOST_BINS))
+    for place in (int(np.argmax(alone)), alike[0], alike[-1]):
+        value = -1.0
+        while (together := worth(single + single[place])).max() > value + _EQUAL * abs(value):
+            partner, value = int(np.argmax(together)), float(together.max())
+            sets[tuple(sorted((place, partner)))], place = value, partner
+    chosen = max(sets, key=lambda pair: sets[pair])
+    if enough(gains(single[[max(chosen, key=lambda k: alone[k])]])):
+        chosen = (max(chosen, key=lambda k: alone[k]),)
+    picked = [tried[k] for k in chosen]
+    motions = tuple(motion for _ in range(REPLICATES) for block in picked for motion in block.motions)
+    return motions, gains(single[list(chosen)].sum(axis=0, keepdims=True)), _in_words(robot, picked, terms, new=new)
 
 
 def _explored(fit: Fit) -> Robot:
@@ -474,7 +418,11 @@ def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]
     robot, bins = _explored(fit), fit.row(joint).bins
     slowest = min(abs(run.speed) for run in bins.runs)
     shares = np.geomspace(min(SLOW, SLOWER * slowest / top_speed(robot, joint)), 1.0, SPEEDS)
-    ways = _wide_and_narrow(sweeps(robot, joint, speeds(robot, joint, shares.tolist())))
+    parts = sweeps(robot, joint, speeds(robot, joint, shares.tolist()))[::-1]
+    # Of each speed the widest sweep and the one whose runs last nearest to two seconds; of equals the first.
+    widest = {way.speed: way for way in sorted(parts, key=lambda way: way.high - way.low)}
+    handy = {way.speed: way for way in sorted(parts, key=lambda way: -abs((way.high - way.low) / way.speed - 2.0))}
+    ways = list(dict.fromkeys(way for speed in sorted(widest) for way in (widest[speed], handy[speed])))
     groups = sorted(bins.postures, key=lambda group: (-len(group), group[0]))[:MEASURED]
     held = np.round(bins.samples.position[bins.first[[group[0] for group in groups]]], 4)
     held = np.clip(held, *np.transpose([arm.limits or (-np.inf, np.inf) for arm in robot.joints]))
@@ -489,17 +437,7 @@ def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]
     return free_blocks(Collision(robot), holds, ways), {tuple(hold) for hold in holds.tolist()} - been
 
 
-def _wide_and_narrow(ways: Sequence[Sweep]) -> tuple[Sweep, ...]:
-    """Of each speed the widest sweep and the one whose runs last nearest to two seconds."""
-    out: dict[Sweep, None] = {}
-    for speed in sorted({way.speed for way in ways}):
-        same = [way for way in ways if way.speed == speed]
-        out[max(same, key=lambda way: way.high - way.low)] = None
-        out[min(same, key=lambda way: abs((way.high - way.low) / way.speed - 2.0))] = None
-    return tuple(out)
-
-
-def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) -> RunsAhead:
+def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) -> tuple[FitRow, Counts]:
     """The runs of the candidates `numbers`, all of one joint, with so many bins each, nothing measured.
 
     Each is the first of a recording. Noise is that of the run of the data that is nearest in speed.
@@ -522,27 +460,21 @@ def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) 
     return elsewhere(fit, ahead), np.array(owner)
 
 
-def _names(terms: Sequence[EffectTerm]) -> list[str]:
-    """With their joints where these differ."""
-    differ = len({term.joint for term in terms}) > 1
-    return [f"{t.effect.name} at joint {t.joint}" if differ and t.joint is not None else t.effect.name for t in terms]
-
-
-def _in_words(robot: Robot, best: Chosen, terms: Sequence[EffectTerm]) -> str:
+def _in_words(robot: Robot, picked: Sequence[Block], terms: Sequence[EffectTerm], *, new: frozenset[object]) -> str:
     """The runs of a set: when, which joint at which speeds over which way, and where the others are held."""
     parts = []
-    for joint, hold in dict.fromkeys((candidate.joint, candidate.hold) for candidate in best.candidates):
+    for joint, hold in dict.fromkeys((block.joint, block.hold) for block in picked):
         unit, scale = ("deg", factor("deg")) if robot.joint(joint).is_revolute else ("m", 1.0)
-        made = [(c.sweeps[0], n) for c, n in best.candidates.items() if (c.joint, c.hold) == (joint, hold)]
+        made = Counter(block.sweeps[0] for block in picked if (block.joint, block.hold) == (joint, hold))
         ways = [
             f"{number(sweep.speed / scale, 2)} {unit}/s ({sweep.low / scale + 0.0:.4g} to"
-            f" {sweep.high / scale + 0.0:.4g} {unit}, {REPLICATES * n} times)"
-            for sweep, n in sorted(made, key=lambda item: item[0].speed)
+            f" {sweep.high / scale + 0.0:.4g} {unit}, {REPLICATES * made[sweep]} times)"
+            for sweep in sorted(made, key=lambda sweep: sweep.speed)
         ]
         text = f"joint {joint} both ways at {' and '.join(ways)}"
         if robot.n_joints > 1:
             text += f" with the others at [{in_words(robot, hold, moving=joint)}]"
-            text += ", a new posture: check that its way is free" if hold in best.new else ""
+            text += ", a new posture: check that its way is free" if hold in new else ""
         parts.append(text)
     # Unlike what changed for good at an instant, some effects come and go with every recording.
     is_ageing = any(Trace.TIME in term.effect.trace and "time" not in term.shape for term in terms)

@@ -85,7 +85,6 @@ class Candidate:
     catalogue looks as good where nothing is missing. `evidence` is twice the gain in log likelihood, less
     (parameters) x log(samples' worth); differences of 10 are decisive. `rmse_after` (A) is of the joint's fitted runs,
     all else refitted; `rmse_heldout_before` and `_after` (A) of fitted runs as fits to the other runs predict them.
-    `posture_gain` is the share of the error in postures left out that it removes (None with fewer than four).
     """
 
     effect: str
@@ -98,7 +97,6 @@ class Candidate:
     rmse_after: float | None = None
     rmse_heldout_before: float | None = None
     rmse_heldout_after: float | None = None
-    posture_gain: float | None = None
     sizes: tuple[Size, ...] = ()
     rivals: tuple[str, ...] = ()
     command: str = ""

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 from searches import LEVER, Lab, design, lever, pendulum, roots
 
-from pumaid.diagnosis.cross_validation import leave_out, posture_folds, replicate_folds
+from pumaid.diagnosis.cross_validation import leave_out, replicate_folds
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit
@@ -95,18 +95,13 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
     assert found.after < found.before
 
 
-def test_repeated_runs_and_postures_leave_together():
+def test_repeated_runs_leave_together():
     """Else a run's twin would tell what is missing in it; every run leaves once."""
     alone = lever().fitted(lever().noisy(0))
     folds = [runs for _, runs in replicate_folds(alone, [1])]
     assert sorted(run for runs in folds for run in runs) == list(range(32))
     # A single joint has one posture: both "postures" of the design are the same to it.
     assert all(len(runs) == 4 and len({alone.row(1).bins.runs[k].speed for k in runs}) == 1 for runs in folds)
-    solved = pendulum().fitted(pendulum().noisy(0))
-    folds = [runs for _, runs in posture_folds(solved, [1])]
-    assert [len(runs) for runs in folds] == [12, 12, 12]
-    postures = [solved.row(1).bins.runs[k].posture[1:].round(6).tolist() for runs in folds for k in runs]
-    assert all(postures[k] == postures[12 * (k // 12)] for k in range(36))
 
 
 def test_what_the_other_runs_do_not_show_is_not_guessed():

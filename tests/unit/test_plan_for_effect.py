@@ -112,7 +112,15 @@ def logs(seed: int) -> Dataset:
 def test_with_logs_only_the_runs_are_planned(rival):
     """With logs the plan holds the runs alone, within limits, for the joint that was asked of."""
     robot = ARMS["pendulum"]
-    found = plan_for_effect(robot, EffectChoice("stribeck", 2), against=rival, dataset=logs(6302), seed=3, size=0.05)
+    found = plan_for_effect(
+        robot,
+        EffectChoice("stribeck", 2),
+        against=rival,
+        whole=lambda: ground("pendulum"),
+        dataset=logs(6302),
+        seed=3,
+        size=0.05,
+    )
     assert 0 < len(found.motions) < 2 * len(ground("pendulum").motions)
     assert {motion.joint for motion in found.motions} == {2}
     assert max(motion.velocity for motion in found.motions) <= robot.joint(2).max_velocity
