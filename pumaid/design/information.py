@@ -123,6 +123,7 @@ def run_information(truths: Sequence[Truth], motions: Sequence[Motion], names: S
         index = np.tile(places, len(rows)), len(places) * np.arange(len(rows) + 1)
         shape = (len(rows), count * width**2)
         parts.append(sparse.csr_array((np.swapaxes(squares, 0, 1).ravel(), *index), shape=shape))
+        parts[-1].eliminate_zeros()  # a joint's runs tell nothing of inner links
         order += rows
     return sparse.csr_array(sparse.vstack(parts, format="csr")[np.argsort(order)])
 
