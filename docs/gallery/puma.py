@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pumaid.simulation.mujoco_engine import RigidArm
 
-from pumaid.io.write import write_log
 from pumaid.dataset import Log
+from pumaid.io.write import write_log
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1
+from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.virtual_robot import BREAKAWAY, Links, Noise, Truth
 
 Floats = NDArray[np.float64]

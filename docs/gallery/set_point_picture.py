@@ -21,7 +21,7 @@ COLOURS = ("#8a9099", "#e69f00", "#56b4e9", "#cc79a7", "#00573e")
 
 def draw(path: Path, ladder: Ladder, trials: list[Trial], many: Floats) -> None:
     """Bars of all steps, the paper's step of one joint in time, and the current that the wrist's gears explain."""
-    with styled(text_as_paths=True):
+    with styled():
         figure = Figure(figsize=(10.0, 7.0), layout="constrained")
         whole = figure.subplot_mosaic([["bars", "bars"], ["trace", "gears"]], height_ratios=[1.1, 1.0])
         _bars(whole["bars"], many)

@@ -107,14 +107,10 @@ def formed(plan: Plan, robot: Robot, form: str) -> str:
 
 
 def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
-    """Draw the arm in every posture to `path`, and the schedule beside it (``NAME-timetable.png``)."""
+    """Draw the arm in every posture."""
     from pumaid.reporting.figures.arm import posture_figure
-    from pumaid.reporting.figures.runs import timetable_figure
-    from pumaid.trajectory import run_times
 
     write_picture(path, posture_figure(plan, robot))
-    beside = path.with_name(f"{path.stem}-timetable{path.suffix}")
-    write_picture(beside, timetable_figure(plan, robot, run_times(robot, plan)))
 
 
 def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: bool) -> None:

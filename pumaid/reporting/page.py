@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from markupsafe import Markup
 
@@ -19,64 +18,50 @@ from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.table import environment
 from pumaid.reporting.tables import comparison_table
 
+#: A figure on the page; the blanks are the file's name, the style, the picture, the title and the caption.
+_FIGURE = Markup(
+    '<figure id="figure-{}" class="{}">\n<div class="picture">{}</div>\n'
+    "<figcaption><b>{}.</b> {}</figcaption>\n</figure>"
+)
 
-@functools.cache
-def all_sections() -> tuple[Section, ...]:
-    """Every section, in the order of the page."""
-    instances: list[Section] = []
+
+def all_contents(context: ReportContext) -> list[tuple[Section, Content]]:
+    """The sections that have something to show, in the order of the page, with what their templates see."""
+    contents = []
     for info in pkgutil.iter_modules(sections.__path__):
         module = importlib.import_module(f"{sections.__name__}.{info.name}")
-        for member in vars(module).values():
-            if inspect.isclass(member) and issubclass(member, Section) and member.__module__ == module.__name__:
-                instances.append(member())
-    return tuple(sorted(instances, key=lambda section: section.order))
+        for _, kind in inspect.getmembers(module, inspect.isclass):
+            if issubclass(kind, Section) and kind is not Section:
+                section = kind()
+                contents.append((section, section.content(context)))
+    ordered = sorted(contents, key=lambda item: item[0].order)
+    return [(section, content) for section, content in ordered if content is not None]
 
 
-def all_figures(context: ReportContext) -> list[Drawing]:
-    """Every figure of the report, in the order of the page."""
-    return [drawing for _, content in _contents(context) for drawing in _drawings(content)]
-
-
-def _contents(context: ReportContext) -> list[tuple[Section, Content]]:
-    """The sections that have something to show, with what their templates see."""
-    return [(section, section.content(context)) for section in all_sections() if section.applies(context)]
-
-
-def _drawings(content: object) -> Iterator[Drawing]:
+def all_figures(content: object) -> Iterator[Drawing]:
+    """Every figure in what `all_contents` returned, or in a part of it, in the order of the page."""
     if isinstance(content, Drawing):
         yield content
-    elif isinstance(content, dict | list):
+    elif isinstance(content, dict | list | tuple):
         for item in content.values() if isinstance(content, dict) else content:
-            yield from _drawings(item)
+            yield from all_figures(item)
 
 
-def page(context: ReportContext, *, inline: Mapping[str, str] | None = None) -> str:
-    """The report as an HTML document without outside references; `inline`: figures by name that are drawn already."""
+def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pictures: Mapping[str, str]) -> str:
+    """The report as an HTML document without outside references; `pictures`: SVG elements of all figures by name."""
 
     def figure(drawing: Drawing, style: str = "") -> Markup:
-        svg = Markup((inline or {}).get(drawing.name) or drawing.inline())
-        caption = Markup("<b>{}.</b> {}").format(drawing.title, drawing.caption)
-        template = Markup(
-            '<figure id="figure-{}" class="{}">\n<div class="picture">{}</div>\n<figcaption>{}</figcaption>\n</figure>'
-        )
-        return template.format(drawing.name, style, svg, caption)
+        picture = Markup(pictures[drawing.name])
+        return _FIGURE.format(drawing.name, style, picture, drawing.title, drawing.caption)
 
-    contents = _contents(context)
-    parts = []
-    for section, content in contents:
-        template = environment().get_template(f"{section.name}.html")
-        parts.append(Markup(template.render(content, figure=figure)))
-    return (
-        environment()
-        .get_template("page.html")
-        .render(
-            robot=context.robot.name,
-            sections=[section for section, _ in contents],
-            parts=parts,
-            version=__version__,
-            dark=DARK,
-        )
-    )
+    templates, robot = environment(), context.robot.name
+    parts = [
+        Markup(templates.get_template(f"{section.name}.html").render(content, figure=figure))
+        for section, content in contents
+    ]
+    names = [section for section, _ in contents]
+    whole = templates.get_template("page.html")
+    return whole.render(robot=robot, sections=names, parts=parts, version=__version__, dark=DARK)
 
 
 def report_files(context: ReportContext, forms: Iterable[str]) -> Iterator[tuple[str, bytes]]:
@@ -89,9 +74,9 @@ def report_files(context: ReportContext, forms: Iterable[str]) -> Iterator[tuple
         yield f"tables/comparison.{TABLE_FORMS[form]}", table_as(table, form)
     for form in ("csv", "parquet"):
         yield f"tables/runs.{form}", frame_as(runs_frame(context.comparison), form)
-    inline = {}
-    for drawing in all_figures(context):
+    contents, pictures = all_contents(context), {}
+    for drawing in all_figures(contents):
         files = drawing.files([*forms, INLINE])
-        inline[drawing.name] = files.pop(INLINE).decode("utf-8")
+        pictures[drawing.name] = files.pop(INLINE).decode("utf-8")
         yield from ((f"figures/{drawing.name}.{form}", content) for form, content in files.items())
-    yield "report.html", page(context, inline=inline).encode("utf-8")
+    yield "report.html", page(context, contents, pictures).encode("utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from pumaid.preprocessing.options import CONSTANT, STROKE
 from pumaid.reporting.formatting import (
     duration,
     in_unit,
-    letters,
     listed,
     plural,
     posture_text,
@@ -23,7 +22,7 @@ from pumaid.reporting.formatting import (
 )
 from pumaid.reporting.table import Row, Table
 from pumaid.robot import Robot
-from pumaid.trajectory import Motion, Plan
+from pumaid.trajectory import Plan
 from pumaid.units import number
 
 #: Digits (rad, m) in which postures of a plan differ.
@@ -209,48 +208,9 @@ def axes_table(robot: Robot, units: str = "deg") -> Table:
 # Plans
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedPosture:
-    """One posture of the other joints in which `joint` (from 1) is moved.
-
-    `letter`: 3A is joint 3's first posture in the plan; `motions`: its runs, in order; `serves`: parameters that it
-    identifies.
-    """
-
-    joint: int
-    letter: str
-    motions: tuple[Motion, ...]
-    serves: tuple[str, ...]
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """Lowest and highest position of the moving joint, rad or m."""
-        ends = [end for motion in self.motions for end in (motion.start, motion.end)]
-        return min(ends), max(ends)
-
-    @property
-    def fitted(self) -> int:
-        """Runs for fitting; the rest is for validation."""
-        return sum(motion.purpose == "fit" for motion in self.motions)
-
-
 def posture_key(joint: int, hold: Sequence[float]) -> tuple[int, tuple[float, ...]]:
     """The moving joint and the rounded positions of the other joints: equal for runs in one posture."""
     return joint, tuple(round(value, _DIGITS) + 0.0 for number, value in enumerate(hold, start=1) if number != joint)
-
-
-def planned_postures(plan: Plan) -> list[PlannedPosture]:
-    """The postures of a plan by joint, in the order in which the plan first takes them."""
-    groups: dict[tuple[int, tuple[float, ...]], list[Motion]] = {}
-    for motion in plan.motions:
-        groups.setdefault(posture_key(motion.joint, motion.hold), []).append(motion)
-    serves = {posture_key(posture.joint, posture.hold): posture.serves for posture in plan.postures}
-    counts: Counter[int] = Counter()
-    postures = []
-    for key, motions in groups.items():
-        postures.append(PlannedPosture(key[0], letters(counts[key[0]]).upper(), tuple(motions), serves.get(key, ())))
-        counts[key[0]] += 1
-    return sorted(postures, key=lambda posture: posture.joint)
 
 
 def plan_tables(plan: Plan, robot: Robot) -> list[Table]:

@@ -284,7 +284,7 @@ def budget_sentence(score: JointScore, robot: Robot) -> str:
 
 def noise_only_sentence(comparison: Comparison, robot: Robot) -> str:
     """Which joints' residuals are noise alone; empty where none is."""
-    joints = [joint for joint, budget in _budgets(comparison).items() if is_noise_only(budget)]
+    joints = [joint for joint, budget in budgets(comparison).items() if is_noise_only(budget)]
     who = _who(joints, comparison, robot)
     return f"{who}: the residual is noise, as far as these runs can show." if joints else ""
 
@@ -293,17 +293,18 @@ def budget_limit_sentences(comparison: Comparison, robot: Robot) -> list[str]:
     """What the runs cannot separate, without a full stop; one sentence for all joints that lack the same."""
     out = []
     for slug, text in BUDGET_LIMITS.items():
-        joints = [joint for joint, budget in _budgets(comparison).items() if slug in budget.limits]
+        joints = [joint for joint, budget in budgets(comparison).items() if slug in budget.limits]
         out += [f"{_who(joints, comparison, robot)}: {text}"] if joints else []
     return out
 
 
-def _budgets(comparison: Comparison) -> dict[int, Budget]:
+def budgets(comparison: Comparison) -> dict[int, Budget]:
+    """Joint (from 1) -> its residual budget, of joints that have runs."""
     return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
 
 
 def _who(joints: Sequence[int], comparison: Comparison, robot: Robot) -> str:
-    return "All joints" if len(joints) == len(_budgets(comparison)) > 1 else joint_titles(robot, joints)
+    return "All joints" if len(joints) == len(budgets(comparison)) > 1 else joint_titles(robot, joints)
 
 
 # History of models

@@ -17,7 +17,7 @@ import pytest
 import report_contexts
 import worlds
 
-from pumaid.reporting.page import page
+from pumaid.reporting.page import report_files
 
 pytestmark = pytest.mark.browser
 
@@ -67,7 +67,7 @@ def address(request, tmp_path_factory) -> str:
     if request.param == "hostile":
         context = replace(context, diagnosis=diagnoses.small(), stale=(report_contexts.HOSTILE,))
     path: Path = tmp_path_factory.mktemp("page") / "report.html"
-    path.write_text(page(context), encoding="utf-8")
+    path.write_bytes(dict(report_files(context, []))["report.html"])
     return path.as_uri()
 
 

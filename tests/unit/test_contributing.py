@@ -21,7 +21,7 @@ from pumaid.exports import every_form, export
 from pumaid.io.formats import log_formats
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.reporting.page import all_figures, all_sections, page
+from pumaid.reporting.page import all_contents, all_figures, page
 from pumaid.reporting.table import environment
 
 EFFECT = '''
@@ -84,7 +84,7 @@ class Dummy(Form):
 @pytest.fixture
 def added(tmp_path, monkeypatch):
     """A function that has a file found in a package's folder, as if it stood there."""
-    caches = (catalogue, pumaid.effects._built_in, every_form, log_formats, all_sections, environment)
+    caches = (catalogue, pumaid.effects._built_in, every_form, log_formats, environment)
 
     def add(package, text: str, name: str = "dummy") -> None:
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
@@ -128,7 +128,8 @@ def test_a_report_section_is_one_file_and_its_template(added, tmp_path, monkeypa
     both = lambda name: jinja2.ChoiceLoader([package(name), jinja2.FileSystemLoader(tmp_path)])  # noqa: E731
     monkeypatch.setattr(jinja2, "PackageLoader", both)
     context = report_contexts.small()
-    text = page(context, inline={drawing.name: "<svg/>" for drawing in all_figures(context)})
+    contents = all_contents(context)
+    text = page(context, contents, dict.fromkeys((drawing.name for drawing in all_figures(contents)), "<svg/>"))
     assert "Dummy section" in text and f"This is {context.robot.name}." in text
 
 

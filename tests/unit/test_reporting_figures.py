@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from motion_worlds import World, make, robot
-from test_reporting_tables import ARM, PLAN, RUNS
+from test_reporting_tables import ARM, PLAN
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import compare
@@ -25,11 +25,11 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures import arm, model, residuals, runs
-from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, Drawing, dots, inlined, styled
-from pumaid.reporting.page import all_figures
+from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, INLINE, dots, inlined, styled
+from pumaid.reporting.page import all_contents, all_figures
 from pumaid.reporting.text import PART_NAMES
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
-from pumaid.trajectory import Motion, Plan, Posture, run_times
+from pumaid.trajectory import Motion, Plan, Posture
 
 PUMA = diagnoses.PUMA
 
@@ -43,7 +43,7 @@ def context():
 @pytest.fixture(scope="module")
 def figures(context):
     """Every figure of its report by name."""
-    return {drawing.name: drawing for drawing in all_figures(context)}
+    return {drawing.name: drawing for drawing in all_figures(all_contents(context))}
 
 
 def only(context, keep):
@@ -65,14 +65,14 @@ def test_files_are_what_their_suffix_says(figures):
 
 def test_inline_figures_fit_the_page(figures):
     """Ids carry the figure's name, ink is the page's, and nothing is fetched; words are not rounded."""
-    svg = figures["residual_j1"].inline()
+    svg = figures["residual_j1"].file(INLINE).decode()
     ids = re.findall(r'\bid="([^"]+)"', svg)
     assert ids and all(name.startswith("residual_j1-") for name in ids) and len(ids) == len(set(ids))
     assert set(re.findall(r'href="#([^"]+)"', svg)) | set(re.findall(r"url\(#([^)]+)\)", svg)) <= set(ids)
     assert "currentColor" in svg and INK not in svg and "<style" not in svg
     assert ElementTree.fromstring(svg).attrib["role"] == "img"
     plain = '<svg width="10pt" height="5pt"><path d="M 1.23456 2.34567"/><text>0.36012 A</text></svg>'
-    assert "M 1.23 2.34" in inlined(plain, Drawing("x", "t", "", Figure)) and "0.36012 A" in plain
+    assert "M 1.23 2.34" in inlined(plain, "x", "t") and "0.36012 A" in plain
 
 
 @pytest.mark.parametrize("count", [5, 5000])
@@ -95,21 +95,23 @@ def test_dots_are_visible_in_png(count):
 
 def test_shares_stand_in_the_bars(context, figures):
     """The largest share of each joint is written in its bar; effects that are not separated are one bar."""
-    svg = figures["spent"].inline()
+    svg = figures["spent"].file(INLINE).decode()
     for score in context.comparison.joints:
         assert f"{100 * max(score.shares.values()):.0f} %" in svg
     joints = list(context.comparison.joints)
     joints[0] = replace(joints[0], shares={"gravity": 0.2, "coulomb+viscous": 0.79, "unexplained": 0.01})
     merged = replace(context, comparison=replace(context.comparison, joints=tuple(joints)))
     drawing = model.share_figure(merged)
-    assert "Coulomb + viscous" in drawing.inline() and "share a colour" in drawing.caption
+    assert "Coulomb + viscous" in drawing.file(INLINE).decode() and "share a colour" in drawing.caption
 
 
 def test_legends_name_the_directions_of_the_runs(context, figures):
     """Where no run goes backward, no legend speaks of backward."""
-    ahead = {drawing.name: drawing for drawing in all_figures(only(context, lambda run: run.direction > 0))}
+    ahead = {
+        drawing.name: drawing for drawing in all_figures(all_contents(only(context, lambda run: run.direction > 0)))
+    }
     for name in ("current_j1", "residual_j1"):
-        both, forward = ([text.get_text() for text in made[name].draw().legends[0].texts] for made in (figures, ahead))
+        both, forward = ([text.get_text() for text in made[name].figure.legends[0].texts] for made in (figures, ahead))
         assert {"forward", "backward"} <= set(both) and "forward" in forward and "backward" not in forward
 
 
@@ -127,8 +129,7 @@ def test_residuals_are_drawn_against_what_varies(context):
 
 def test_budget_bars_fill_their_row(context):
     """Each joint's bars reach from 0 to the whole residual, and the legend names only what is there."""
-    with styled():
-        figure = residuals.budget_figure(context).draw()
+    figure = residuals.budget_figure(context).figure
     for row in range(2):
         bars = [bar for bar in figure.axes[0].patches if round(bar.get_y() + bar.get_height() / 2.0) == row]
         assert sum(bar.get_width() for bar in bars) == pytest.approx(1.0)
@@ -138,8 +139,7 @@ def test_budget_bars_fill_their_row(context):
 
 def test_overview_has_all_variables(context):
     """The figure of ``compare`` has the residual against what varies, beside the current."""
-    with styled():
-        titles = {axes.get_title(loc="left") for axes in residuals.overview_figure(context).draw().axes}
+    titles = {axes.get_title(loc="left") for axes in residuals.overview_figure(context).figure.axes}
     assert {f"residual by {word}" for word in ("position", "speed", "gravity current")} <= titles
 
 
@@ -147,7 +147,7 @@ def test_logs_without_runs_draw_no_empty_figure(context):
     """With nothing to show there are only the arm and the parameters."""
     nothing = Dataset(())
     empty = ReportContext(context.robot, context.estimate, nothing, compare(context.estimate, nothing, context.robot))
-    assert [drawing.name for drawing in all_figures(empty)] == ["arm", "parameters"]
+    assert [drawing.name for drawing in all_figures(all_contents(empty))] == ["arm", "parameters"]
 
 
 # History
@@ -156,16 +156,14 @@ def test_logs_without_runs_draw_no_empty_figure(context):
 @pytest.mark.parametrize(("n_models", "shown"), [(1, [1]), (12, [1, *range(6, 13)])])
 def test_of_many_models_the_ends_are_shown(n_models, shown):
     """All models, or the first and the last seven."""
-    with styled():
-        (axes,) = model.history(ladder(n_models, 3)).axes
+    (axes,) = model.history_figure(ladder(n_models, 3)).figure.axes
     assert [label.get_text().split("\n")[0] for label in axes.get_xticklabels()] == list(map(str, shown))
 
 
 def test_steps_stand_at_the_errors_with_their_names():
     """Treads are the models' errors; below each stand its number and what it added."""
     path = ladder(3, 1)
-    with styled():
-        axes = model.history(path).axes[0]
+    axes = model.history_figure(path).figure.axes[0]
     fitted = np.array([rung.whole.rmse for rung in path.rungs])
     for errors in (fitted, 1.1 * fitted):
         assert any(np.allclose(line.get_ydata(), [*errors, errors[-1]]) for line in axes.lines)
@@ -178,8 +176,7 @@ def test_steps_stand_at_the_errors_with_their_names():
 def test_before_and_after_have_one_scale():
     """The residual with the effect is seen against the one without it, in the unit asked for."""
     finding = diagnoses.stribeck()
-    with styled():
-        above, below = residuals.draw_curve(finding, finding.curves[0], PUMA, units="deg").axes
+    above, below = residuals.finding_figure(finding, finding.curves[0], PUMA, name="x", units="deg").figure.axes
     assert above.get_ylim() == below.get_ylim() and above.get_xlim() == below.get_xlim()
     heights = [max(abs(line.get_ydata()).max() for line in axes.lines[1:3]) for axes in (above, below)]
     assert heights[0] == pytest.approx(10.0 * heights[1])
@@ -201,7 +198,7 @@ def test_skeleton_is_where_the_arm_is():
     far, near = (arm.frames(worlds.CRANE, np.array([0.0, z, 0.0]))[0] for z in (0.7, 0.2))
     assert np.linalg.norm(far[2] - near[2]) == pytest.approx(0.5, rel=1e-12)
     wrist = replace(robot_, joints=(robot_.joints[0], replace(robot_.joints[1], d=0.0), robot_.joints[2]))
-    (axes,) = arm.skeleton(wrist, np.zeros(3)).axes
+    (axes,) = arm.skeleton_figure(wrist, np.zeros(3)).figure.axes
     assert [text.get_text() for text in axes.texts if text.get_text()[:1].isdigit()] == ["1, 2", "3"]
 
 
@@ -212,11 +209,11 @@ SAFE = replace(
 
 def test_each_posture_has_its_panel():
     """A panel a posture with joint, range, purpose and parameters; the moving part ends at the tip."""
-    figure = arm.postures(PLAN, SAFE)
+    figure = arm.posture_figure(PLAN, SAFE).figure
     titles = [axes.get_title() or axes.get_title(loc="left") for axes in figure.axes]
     first = next(title for title in titles if title.startswith("2A tip"))
-    assert "-57.3 to 57.3 deg, 4 fit" in first and "for gravity.l2.x, gravity.l2.y" in first
-    assert any(title.startswith("1A lift") and "0.1 to 0.4 m, 1 hold-out" in title for title in titles)
+    assert "-57.3 to 57.3 deg, 4 runs" in first and "for gravity.l2.x, gravity.l2.y" in first
+    assert any(title.startswith("1A lift") and "0.1 to 0.4 m, 1 run" in title for title in titles)
     lines = figure.axes[titles.index(first)].lines
     moving = next(line for line in lines if line.get_linewidth() > 3 and line.get_color() == FORWARD)
     tip = arm.projected(np.array([[0.3 + 0.2, 0.0, 0.1]]))[0]  # joint 2 at 0, the lift at 0.1 m, by hand
@@ -233,25 +230,12 @@ def test_titles_of_postures_do_not_overlap():
                for j in range(robot_.n_joints) for _ in range(2)]  # fmt: skip
     serves = tuple(f"gain_ratio.{k}.{k + 1}" for k in range(1, 6))
     plan = Plan(robot_.name, tuple(motions), tuple(Posture(m.joint, m.hold, serves, "") for m in motions))
+    figure = arm.posture_figure(plan, robot_).figure
     with styled():
-        figures = (arm.postures(plan, robot_), runs.timetable(plan, robot_, run_times(robot_, plan)))
-    for figure in figures:
         figure.draw_without_rendering()
-        texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
-        boxes = [text.get_window_extent() for text in (*texts, *figure.texts) if text.get_text()]
-        assert [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)] == []
-
-
-def test_each_run_of_a_plan_is_a_bar():
-    """Bars stand at the times of their runs, up for forward, as high as the root of the speed."""
-    times = run_times(ARM, PLAN)
-    strips = runs.timetable(PLAN, ARM, times).axes
-    bars = sorted((60 * bar.get_x(), 60 * bar.get_width(), bar.get_height()) for bar in strips[1].patches)
-    expected = [(run, span) for run, span in zip(RUNS, times, strict=True) if run.joint == 2]
-    assert [bar[:2] for bar in bars] == [pytest.approx((t[0], t[1] - t[0])) for _, t in expected]
-    roots = [np.sign(run.end - run.start) * np.sqrt(run.velocity / 0.5) for run, _ in expected]
-    assert [bar[2] for bar in bars] == pytest.approx(roots)
-    assert all(bar.get_facecolor() == to_rgba(BACKWARD) for bar in strips[0].patches)
+    texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
+    boxes = [text.get_window_extent() for text in (*texts, *figure.texts) if text.get_text()]
+    assert [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)] == []
 
 
 def test_huge_and_empty_plans_are_drawn(monkeypatch):
@@ -259,10 +243,9 @@ def test_huge_and_empty_plans_are_drawn(monkeypatch):
     monkeypatch.setattr(arm, "MOST_PANELS", 8)
     rng = np.random.default_rng(0)
     many = Plan("x", tuple(Motion(2, (float(h), 0.0), -1.0, 1.0, 0.5) for h in np.repeat(rng.uniform(0, 0.5, 20), 2)))
-    assert "12 more not drawn" in arm.postures(many, ARM).get_suptitle()
+    assert "12 more not drawn" in arm.posture_figure(many, ARM).figure.get_suptitle()
     empty = Plan("x", ())
-    assert arm.postures(empty, replace(ARM, gravity=(0.0, 0.0, 0.0))).axes
-    assert runs.timetable(empty, ARM, run_times(ARM, empty)).axes
+    assert arm.posture_figure(empty, replace(ARM, gravity=(0.0, 0.0, 0.0))).figure.axes
 
 
 def dataset_of(**changes):
@@ -274,7 +257,7 @@ def dataset_of(**changes):
 def test_runs_are_drawn_in_the_unit_asked_for():
     """Velocity above position, in degrees, the highest at the fastest run; joints and reasons in the legend."""
     dataset, robot_ = dataset_of(speeds=(0.5, 0.5001))
-    figure = runs.draw_runs(dataset, robot_, units="deg")
+    figure = runs.run_figure(dataset, robot_, "deg").figure
     above, below = figure.axes
     assert (above.get_ylabel(), below.get_ylabel()) == ("velocity (deg/s)", "position (deg)")
     top = max(np.abs(line.get_ydata()).max() for line in above.lines if len(line.get_xdata()) > 2)
@@ -287,9 +270,9 @@ def test_long_campaigns_go_over_strips():
     """Strips share the time evenly; the report shows the first runs; no runs are an empty figure."""
     dataset, robot_ = dataset_of()
     many = Dataset(dataset.runs * 25, dataset.rejects)
-    axes = runs.draw_runs(many, robot_).axes
+    axes = runs.run_figure(many, robot_).figure.axes
     assert len(axes) == 2 * 3
     widths = [np.ptp(axis.get_xlim()) for axis in axes]
     np.testing.assert_allclose(widths, widths[0])
-    assert len(runs.beginning(many).runs) == runs.MOST_RUNS
-    assert len(runs.draw_runs(Dataset(()), robot_).axes) == 2
+    assert runs.run_figure(many, robot_, limit=3).caption.startswith("The first 3 of ")
+    assert len(runs.run_figure(Dataset(()), robot_).figure.axes) == 2

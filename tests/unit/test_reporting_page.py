@@ -16,7 +16,7 @@ import report_contexts
 from ladders import experiment
 
 from pumaid.reporting.documents import parameters_as, parameters_frame
-from pumaid.reporting.page import all_figures, all_sections, page, report_files
+from pumaid.reporting.page import all_contents, all_figures, page, report_files
 from pumaid.results.history import ladder_of
 
 
@@ -64,9 +64,14 @@ def html(files):
     return files["report.html"].decode()
 
 
-def words_of(context, **drawn: str) -> str:
-    """A page whose words are looked at: of its figures only those are drawn that `drawn` has empty."""
-    return page(context, inline={drawing.name: "<svg/>" for drawing in all_figures(context)} | drawn)
+def words_of(context, *drawn: str) -> str:
+    """A page whose words are looked at: of its figures only those with names in `drawn` are drawn."""
+    contents = all_contents(context)
+    pictures = {
+        drawing.name: drawing.file("inline").decode() if drawing.name in drawn else "<svg/>"
+        for drawing in all_figures(contents)
+    }
+    return page(context, contents, pictures)
 
 
 def section(html: str, name: str) -> str:
@@ -76,7 +81,7 @@ def section(html: str, name: str) -> str:
 
 def test_sections_are_on_the_page_in_order(context, html):
     """Each section can be reached by its anchor; ids are unique, figures included."""
-    names = [part.name for part in all_sections() if part.applies(context)]
+    names = [part.name for part, _ in all_contents(context)]
     order = "summary arm data parameters prediction residuals diagnosis limits sources"
     assert names == order.split()
     ids = outline(html).ids
@@ -93,7 +98,7 @@ def test_page_needs_nothing_from_outside(html):
 
 def test_names_are_text_not_markup():
     """A hostile name of arm, joint or file stands on the page as it is written."""
-    parsed = outline(words_of(report_contexts.hostile(), spent=""))
+    parsed = outline(words_of(report_contexts.hostile(), "spent"))
     assert "script" not in parsed.tags
     assert any(report_contexts.HOSTILE in text for text in parsed.texts)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from pumaid.cli import output
 from pumaid.errors import Note, visible
-from pumaid.reporting.figures.runs import timetable_figure
+from pumaid.reporting.figures.arm import posture_figure
 from pumaid.reporting.run_tables import axes_table, plan_tables, session_table
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture
@@ -39,10 +38,9 @@ def test_all_ways_to_a_terminal_are_guarded(capsys):
 
 @pytest.mark.parametrize("name", ["[/] x", "[bold]x", ":smile:", r"$\foo{}$", "$x", r"\$"])
 def test_names_are_not_read_as_markup(name):
-    """Plan, timetable, axes and pictures with a robot and a joint of that name."""
+    """Plan, axes and pictures with a robot and a joint of that name."""
     robot = Robot(name, (replace(Joint(1, name, "revolute"), limits=(-1.0, 1.0)),))
     plan = Plan(name, (Motion(1, (0.0,), -1.0, 1.0, 0.5),), (Posture(1, (0.0,), (), name),))
-    times = np.array([[0.0, 60.0]])
     tables = [*plan_tables(plan, robot), axes_table(robot)]
     assert [table.text(200).count(name) for table in tables] == [2, 1, 2]
-    assert timetable_figure(plan, robot, times).file("svg").startswith(b"<?xml")
+    assert posture_figure(plan, robot).file("svg").startswith(b"<?xml")

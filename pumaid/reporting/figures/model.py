@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
-from functools import partial
+from collections import Counter
+from itertools import cycle
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, JointScore
+from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     AREAS,
@@ -23,21 +23,18 @@ from pumaid.reporting.figures.style import (
     heading,
     legend,
     panels,
-    stacked_bar,
+    stacked_bars,
+    styled,
     zero_line,
 )
 from pumaid.reporting.formatting import amperes, in_unit, shortened
 from pumaid.reporting.tables import row_of
 from pumaid.reporting.text import changes, is_structural
-from pumaid.results.history import Ladder, Rung
+from pumaid.results.history import Ladder
 
 #: Effect -> colour of its share; other effects take the rest of the palette in turn.
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
-OTHER_COLOURS = AREAS[4:]
 EFFECT_NAMES = {"coulomb": "Coulomb friction", "viscous": "viscous friction"}
-
-#: Share of a bar with room for its number.
-ROOM = 0.15
 
 #: Panels of the parameters: title, rows of the parameter table.
 PANELS = (
@@ -51,82 +48,44 @@ PANELS = (
 MOST_MODELS, PAGE_WIDTH, LETTERS = 8, 4.9, 9.2
 
 
-# Shares of the current
-
-
+@styled()
 def share_figure(context: ReportContext) -> Drawing:
-    """Where each joint's current goes."""
-    caption = "Shares of the mean square of each joint's current, which heats the motor; right: RMS current."
-    if any(TOGETHER in name for score in context.comparison.joints for name in score.shares):
-        caption += " The fitted logs do not separate effects that share a colour."
-    title = f"{context.robot.name}: what the motor currents are spent on"
-    return Drawing("spent", title, caption, partial(shares, context))
-
-
-def shares(context: ReportContext) -> Figure:
-    """One bar a joint, with the RMS current beside it."""
+    """Where each joint's current goes: one bar a joint, with the RMS current beside it."""
     scores = [score for score in context.comparison.joints if score.shares]
-    names = [name for name in _ordered(scores) if name != UNEXPLAINED]
-    rest = [name for name in names if name not in EFFECT_COLOURS]
-    colours = {name: EFFECT_COLOURS[name] for name in names if name in EFFECT_COLOURS}
-    colours |= {name: OTHER_COLOURS[k % len(OTHER_COLOURS)] for k, name in enumerate(rest)}
-    colours |= {UNEXPLAINED: BACKWARD}
-    figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
-    heading(figure, f"{shortened(context.robot.name)}\nWhat the motor currents are spent on")
-    axes = figure.subplots()
-    negative = min(0.0, *(sum(share for share in score.shares.values() if share < 0.0) for score in scores))
-    for row, score in enumerate(scores):
-        parts = [(score.shares.get(name, 0.0), colour, 1.0) for name, colour in colours.items()]
-        end = stacked_bar(axes, row, parts, room=ROOM * (1.0 - 1.5 * negative))
-        axes.text(end + 0.02, row, amperes(score.rms), va="center", fontsize=9.5)
-    axes.set_xlim(1.05 * negative if negative < -0.01 else 0.0, 1.2 - negative)
-    axes.set_yticks(
-        range(len(scores)), [f"{s.joint}  {shortened(context.robot.joint(s.joint).name, 20)}" for s in scores]
-    )
-    axes.set_ylim(len(scores) - 0.4, -0.6)
-    axes.set_xticks([0.0, 0.5, 1.0], ["0 %", "50 %", "100 %"])
-    axes.spines["bottom"].set_bounds(0.0, 1.0)
-    axes.set_xlabel("share of mean square current", x=0.4)
-    axes.tick_params(axis="y", left=False)
-    axes.spines["left"].set_visible(False)
-    handles = [Patch(color=colour, label=_label(name)) for name, colour in colours.items()]
-    legend(figure, handles, 2 if any(TOGETHER in name for name in names) else 3)
-    return figure
-
-
-def _ordered(scores: Sequence[JointScore]) -> list[str]:
-    """Names of shares: the paper's effects first, then by their share in the whole arm."""
-    total: dict[str, float] = {}
+    total = Counter[str]()
     for score in scores:
-        for name, share in score.shares.items():
-            total[name] = total.get(name, 0.0) + abs(share)
-    order = list(EFFECT_COLOURS)
-    rank = {name: order.index(first) if (first := name.split(TOGETHER)[0]) in order else len(order) for name in total}
-    return sorted(total, key=lambda name: (rank[name], name.count(TOGETHER), -total[name]))
+        total.update({name: abs(share) for name, share in score.shares.items() if name != UNEXPLAINED})
+    # The paper's effects first, then those with the largest share in the whole arm.
+    order, others = list(EFFECT_COLOURS), cycle(AREAS[4:])
+    first = {name: name.split(TOGETHER)[0] for name in total}
+    rank = {name: ([*order, first[name]].index(first[name]), name.count(TOGETHER)) for name in total}
+    names = sorted(total, key=lambda name: (rank[name], -total[name]))
+    colours = {name: EFFECT_COLOURS.get(name) or next(others) for name in names} | {UNEXPLAINED: BACKWARD}
+    figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
+    bars = {
+        f"{score.joint}  {shortened(context.robot.joint(score.joint).name, 20)}": (
+            [(score.shares.get(name, 0.0), colour, 1.0) for name, colour in colours.items()],
+            amperes(score.rms),
+        )
+        for score in scores
+    }
+    stacked_bars(figure.subplots(), bars, "share of mean square current")
+    handles = []
+    for name, colour in colours.items():
+        effects = [EFFECT_NAMES.get(effect, effect.replace("_", " ")) for effect in name.split(TOGETHER)]
+        words = [effect.removesuffix(" friction") for effect in effects] if len(effects) > 1 else effects
+        handles.append(Patch(color=colour, label=" + ".join(words)))
+    is_merged = any(TOGETHER in name for name in names)
+    legend(figure, handles, 2 if is_merged else 3)
+    heading(figure, f"{shortened(context.robot.name)}\nWhat the motor currents are spent on")
+    caption = "Shares of the mean square of each joint's current, which heats the motor; right: RMS current."
+    caption += " The fitted logs do not separate effects that share a colour." if is_merged else ""
+    return Drawing("spent", f"{context.robot.name}: what the motor currents are spent on", caption, figure)
 
 
-def _label(share: str) -> str:
-    effects = [EFFECT_NAMES.get(effect, effect.replace("_", " ")) for effect in share.split(TOGETHER)]
-    return effects[0] if len(effects) == 1 else " + ".join(effect.removesuffix(" friction") for effect in effects)
-
-
-# Parameters
-
-
-def parameter_figures(context: ReportContext) -> list[Drawing]:
-    """The parameters with their intervals."""
-    if not any(value.ci95 is not None for value in context.estimate.values):
-        return []
-    caption = (
-        "Blue circles: x and forward terms; orange squares: y and backward terms; n/i: not identifiable. Intervals"
-        " narrower than the mark are hidden by it."
-    )
-    title = f"{context.robot.name}: parameters with 95 % confidence intervals"
-    return [Drawing("parameters", title, caption, partial(intervals, context))]
-
-
-def intervals(context: ReportContext) -> Figure:
-    """Values by link with confidence intervals."""
+@styled()
+def parameter_figure(context: ReportContext) -> Drawing:
+    """Values by link with their confidence intervals."""
     values = context.estimate.values
     rows = {row_of(value) for value in values if value.value is not None}
     chosen = [(title, keys) for title, keys in PANELS if rows & set(keys)] or [PANELS[0]]
@@ -152,53 +111,39 @@ def intervals(context: ReportContext) -> Figure:
         axes.grid(axis="y")
     all_axes[-1].set_xticks(range(1, context.robot.n_joints + 1))
     all_axes[-1].set(xlim=(0.5, context.robot.n_joints + 0.5), xlabel="link")
-    return figure
+    caption = (
+        "Blue circles: x and forward terms; orange squares: y and backward terms; n/i: not identifiable. Intervals"
+        " narrower than the mark are hidden by it."
+    )
+    title = f"{context.robot.name}: parameters with 95 % confidence intervals"
+    return Drawing("parameters", title, caption, figure)
 
 
-# History
-
-
+@styled()
 def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
-    """The error of each model from the first to the current one."""
-    caption = "One step a model, labelled by what it adds. Grey: noise floor, from the differences of repeated runs."
-    return Drawing("ladder", f"{ladder.robot}: error of each model", caption, partial(history, ladder, width=width))
-
-
-def history(ladder: Ladder, *, width: float = 7.2) -> Figure:
-    """The whole arm's error as steps."""
+    """The whole arm's error of each model, from the first to the current one, as steps."""
     path = ladder.path
     path = path if len(path) <= MOST_MODELS else (path[0], *path[1 - MOST_MODELS :])
     figure = Figure(figsize=(width, 3.6), layout="constrained")
-    axes, edges, largest = figure.subplots(), np.arange(len(path) + 1), 0.0
-    for name, colour, dash in (("noise_floor", GREY, "-"), ("heldout", BACKWARD, "--"), ("rmse", FORWARD, "-")):
-        values = np.array([getattr(rung.whole, name) for rung in path], dtype=float)
-        largest = max(largest, float(np.nanmax(values, initial=0.0)))
-        steps = np.append(values, values[-1])
-        if name == "noise_floor":
-            axes.fill_between(edges, 0.0, steps, step="post", color=GREY, alpha=0.28, linewidth=0)
-        else:
-            axes.step(edges, steps, where="post", color=colour, linewidth=2.4, linestyle=dash)
-    axes.set(ylim=(0.0, 1.18 * largest or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
-    axes.set_xticks(edges[:-1] + 0.5, _model_labels(path, int(LETTERS * width / len(path))))
-    axes.set_title(f"{shortened(ladder.robot)}: error of each model", pad=10)
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], color=FORWARD, linewidth=2.4, label="fitted runs"),
-        Line2D([], [], color=BACKWARD, linewidth=2.4, linestyle="--", label="held-out runs"),
-        Patch(color=GREY, alpha=0.28, linewidth=0, label="noise floor"),
-    ]
-    legend(figure, handles)
-    return figure
-
-
-def _model_labels(path: Sequence[Rung], room: int) -> list[str]:
-    """Number and changes of each model in lines of about `room` characters; the number alone without room."""
-    labels = []
+    axes, edges = figure.subplots(), np.arange(len(path) + 1)
+    names = ("rmse", "heldout", "noise_floor")
+    values = np.array([[getattr(rung.whole, name) for rung in path] for name in names], dtype=float)
+    fitted, heldout, floor = np.column_stack([values, values[:, -1]])
+    axes.step(edges, fitted, where="post", color=FORWARD, linewidth=2.4, label="fitted runs")
+    axes.step(edges, heldout, "--", where="post", color=BACKWARD, linewidth=2.4, label="held-out runs")
+    look: Any = {"color": GREY, "alpha": 0.28, "linewidth": 0, "zorder": 0}
+    axes.fill_between(edges, 0.0, floor, step="post", label="noise floor", **look)
+    axes.set(ylim=(0.0, 1.18 * np.nanmax(values, initial=0.0) or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
+    labels, room = [], int(LETTERS * width / len(path))
     for before, rung in zip((None, *path), path, strict=False):
-        is_next = before is None or rung.parent == before.number
         lines = []
-        for phrase in changes(rung) if is_next else ["several steps"]:
-            name, at, joints = phrase.partition("@")
-            lines += textwrap.wrap(name.replace("_", " "), max(room, 8), break_long_words=False)
+        for phrase in changes(rung) if before is None or rung.parent == before.number else ["several steps"]:
+            effect, at, joints = phrase.partition("@")
+            lines += textwrap.wrap(effect.replace("_", " "), max(room, 8), break_long_words=False)
             lines += [f"joint{'s' * (not joints.isdecimal())} {joints}"] if at else []
         labels.append("\n".join([str(rung.number), *(lines if room >= 8 else [])]))
-    return labels
+    axes.set_xticks(edges[:-1] + 0.5, labels)
+    axes.set_title(f"{shortened(ladder.robot)}: error of each model", pad=10)
+    legend(figure, axes.get_legend_handles_labels()[0])
+    caption = "One step a model, labelled by what it adds. Grey: noise floor, from the differences of repeated runs."
+    return Drawing("ladder", f"{ladder.robot}: error of each model", caption, figure)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -34,7 +34,7 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7
 
 #: Colours of areas, the same on light and dark pages because text stands on them; those that need dark text.
 AREAS = ("#0173b2", "#de8f05", "#029e73", "#cc78bc", "#56b4e9", "#ece133", "#7f5fa8", "#ca9161", "#949494")
-PALE = {"#de8f05", "#cc78bc", "#56b4e9", "#ece133", "#ca9161", "#949494", "#a9b0ba", "#d3d7dd"}
+DARK_INK, PALE = "#1b1e23", {"#de8f05", "#cc78bc", "#56b4e9", "#ece133", "#ca9161", "#949494", "#a9b0ba", "#d3d7dd"}
 
 #: Colour on a light page -> on a dark one.
 DARK = {FORWARD: "#4fb0ea", BACKWARD: "#ff8a4c", FAINT: "#4a515c", GREY: "#9aa3af", TINT: "#1d2126"}
@@ -42,8 +42,8 @@ DARK = {FORWARD: "#4fb0ea", BACKWARD: "#ff8a4c", FAINT: "#4a515c", GREY: "#9aa3a
 #: The form of a figure that is part of a page.
 INLINE = "inline"
 
-#: inch: width of a panel that is legible at 400 px; points drawn of one series at most.
-WIDTH, MOST_POINTS = 4.5, 450
+#: inch: width of a panel that is legible at 400 px; points of one series at most; share of a bar with room for text.
+WIDTH, MOST_POINTS, ROOM = 4.5, 450, 0.11
 
 _RC: Any = {
     "font.size": 9.5,
@@ -71,59 +71,54 @@ _RC: Any = {
 }
 
 
+#: Draw with these looks inside a ``with``, or in a function that is decorated so.
+styled = partial(mpl.rc_context, _RC)
+
+#: Form of a file -> what it says of its maker; no dates, so that the bytes are the same each time.
+_MAKER: dict[str, dict[str, str | None]] = {
+    "png": {"Software": "pumaid"},
+    "svg": {"Creator": "pumaid", "Date": None},
+    "pdf": {"Creator": "pumaid", "CreationDate": None},
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A figure to be drawn: file name without suffix (unique in a report), title, caption, and what draws it."""
+    """A figure with its file name without suffix (unique in a report), title and caption."""
 
     name: str
     title: str
     caption: str
-    draw: Callable[[], Figure]
+    figure: Figure
 
     def files(self, forms: Sequence[str]) -> dict[str, bytes]:
-        """The figure in several forms (``png``, ``svg``, ``pdf``, `INLINE`), drawn once; always the same bytes."""
+        """The figure in several forms (``png``, ``svg``, ``pdf``, `INLINE`): always the same bytes."""
+        out: dict[str, bytes] = {}
         with styled():
-            figure = self.draw()
-            layout = figure.get_layout_engine()
+            layout = self.figure.get_layout_engine()
             if layout is not None:
-                layout.execute(figure)
-                figure.set_layout_engine(None)
-            out = {form: _saved(figure, form, self.title) for form in forms if form != INLINE}
-        if INLINE in forms:
-            with styled(), mpl.rc_context({"svg.fonttype": "none"}):
-                out[INLINE] = inlined(_saved(figure, "svg", self.title).decode("utf-8"), self).encode("utf-8")
+                layout.execute(self.figure)
+                self.figure.set_layout_engine(None)
+            for form in forms:
+                kind, stream = "svg" if form == INLINE else form, io.BytesIO()
+                background = "none" if kind == "svg" else "white"
+                with mpl.rc_context({"svg.fonttype": "none" if form == INLINE else "path"}):
+                    metadata = {"Title": self.title, **_MAKER[kind]}
+                    self.figure.savefig(stream, format=kind, dpi=200, metadata=metadata, facecolor=background)
+                out[form] = stream.getvalue()
+        if INLINE in out:
+            out[INLINE] = inlined(out[INLINE].decode("utf-8"), self.name, self.title).encode("utf-8")
         return out
 
     def file(self, form: str) -> bytes:
         """The figure in one form."""
         return self.files([form])[form]
 
-    def inline(self) -> str:
-        """The figure as an SVG element for a page."""
-        return self.file(INLINE).decode("utf-8")
 
-
-def styled() -> AbstractContextManager[None]:
-    """Draw with these looks inside."""
-    return mpl.rc_context(_RC)
-
-
-def _saved(figure: Figure, form: str, title: str) -> bytes:
-    out = io.BytesIO()
-    maker: dict[str, dict[str, str | None]] = {
-        "png": {"Software": "pumaid"},
-        "svg": {"Creator": "pumaid", "Date": None},
-        "pdf": {"Creator": "pumaid", "CreationDate": None},
-    }
-    metadata = {"Title": title, **maker[form]}
-    figure.savefig(out, format=form, dpi=200, metadata=metadata, facecolor="none" if form == "svg" else "white")
-    return out.getvalue()
-
-
-def inlined(svg: str, drawing: Drawing) -> str:
+def inlined(svg: str, name: str, title: str) -> str:
     """An SVG document as an element of a page: its ids begin with the drawing's name, its colours are the page's."""
     body = re.sub(r"<(metadata|style)\b.*?</\1>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    body = re.sub(r'(?<![\w-])(id="|href="#|url\(#)', rf"\g<1>{drawing.name}-", body)
+    body = re.sub(r'(?<![\w-])(id="|href="#|url\(#)', rf"\g<1>{name}-", body)
     body = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\.\d\d)\d+(?=[\s\"])", r"\1", tag[0]), body)
     for light in DARK:
         body = body.replace(light, f"var(--c{light[1:]}, {light})")
@@ -133,7 +128,7 @@ def inlined(svg: str, drawing: Drawing) -> str:
     width = re.search(r' width="([\d.]+)pt"', opening)
     natural = f' style="--natural: {float(width[1]) / 0.75:.0f}px"' if width else ""
     opening = re.sub(r' (width|height)="[^"]*"', "", opening)
-    label = f'<svg role="img" aria-label="{escape(drawing.title, quote=True)}"{natural}'
+    label = f'<svg role="img" aria-label="{escape(title, quote=True)}"{natural}'
     return f"{opening.replace('<svg', label, 1)}>{rest}"
 
 
@@ -167,9 +162,9 @@ def error_marks(axes: Axes, x: Any, y: Any, *, errors: Any, sign: int = 1, **loo
     axes.errorbar(x, y, yerr=errors, color=COLOURS[sign], marker="s" if sign < 0 else "o", **style | look)
 
 
-def dots(axes: Axes, x: Floats, y: Floats, *, colour: str, size: float = 2.2, alpha: float = 0.5) -> None:
-    """Points as one path, a tenth of what markers take in SVG; of more than `MOST_POINTS` every k-th."""
-    points = np.column_stack([x, y])[:: max(1, -(-len(x) // MOST_POINTS))]
+def dots(axes: Axes, x: Any, y: Any, *, colour: str, size: float, alpha: float = 0.5, limit: int = MOST_POINTS) -> None:
+    """Points as one path, a tenth of what markers take in SVG; of more than `limit` every k-th."""
+    points = np.column_stack([x, y])[:: max(1, -(-len(x) // limit))]
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return
@@ -191,20 +186,31 @@ def zero_line(axes: Axes, floor: float | None = None) -> None:
         axes.axhspan(-floor, floor, color=GREY, alpha=0.18, linewidth=0, zorder=0)
 
 
-def stacked_bar(axes: Axes, place: float, parts: Iterable[tuple[float, str, float]], *, room: float) -> float:
-    """A bar of (share, colour, opacity), negative ones beyond zero, with the shares above `room`; its right end."""
-    ends = {True: 0.0, False: 0.0}
-    for share, colour, alpha in parts:
-        start = ends[share >= 0.0]
-        axes.barh(place, share, left=start, height=0.68, color=colour, alpha=alpha, linewidth=0)
-        ends[share >= 0.0] += share
-        if share >= room:
-            look: Any = {
-                "color": "#1b1e23" if colour in PALE else INK if alpha < 1.0 else "white",
-                "fontweight": "bold",
-            }
-            axes.text(start + share / 2.0, place, f"{100.0 * share:.0f} %", ha="center", va="center", **look)
-    return ends[True]
+def stacked_bars(axes: Axes, bars: Mapping[str, tuple[Iterable[tuple[float, str, float]], str]], note: str) -> None:
+    """A bar for each label: shares of (value, colour, opacity), negative ones below zero, and a text at its end.
+
+    Large shares are written in the bar; `note` says what they are of.
+    """
+    lowest = 0.0
+    for row, (parts, text) in enumerate(bars.values()):
+        ends = {True: 0.0, False: 0.0}
+        for share, colour, alpha in parts:
+            start = ends[share >= 0.0]
+            axes.barh(row, share, left=start, height=0.68, color=colour, alpha=alpha, linewidth=0)
+            ends[share >= 0.0] += share
+            if share >= ROOM:
+                ink = DARK_INK if colour in PALE else INK if alpha < 1.0 else "white"
+                middle = start + share / 2.0
+                axes.text(middle, row, f"{100.0 * share:.0f} %", ha="center", va="center", color=ink, fontweight="bold")
+        axes.text(ends[True] + 0.02, row, text, va="center", fontsize=9.5)
+        lowest = min(lowest, ends[False])
+    axes.set_yticks(range(len(bars)), list(bars))
+    axes.set(ylim=(len(bars) - 0.4, -0.6), xlim=(1.05 * lowest if lowest < -0.01 else 0.0, 1.2 - lowest))
+    axes.set_xticks([0.0, 0.5, 1.0], ["0 %", "50 %", "100 %"])
+    axes.spines["bottom"].set_bounds(0.0, 1.0)
+    axes.set_xlabel(note, x=0.4)
+    axes.tick_params(axis="y", left=False)
+    axes.spines["left"].set_visible(False)
 
 
 def clock_shifts(items: Iterable[Run | Reject], gap: float = 0.0) -> dict[int, float]:

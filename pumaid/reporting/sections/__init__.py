@@ -27,10 +27,9 @@ class Section(ABC):
         """The class's name in lower case, without ``Section``; also the anchor on the page."""
         return type(self).__name__.removesuffix("Section").lower()
 
-    def applies(self, context: ReportContext) -> bool:
-        """Whether there is anything to show in this section."""
-        return True
-
     @abstractmethod
-    def content(self, context: ReportContext) -> Content:
-        """What the template sees; text is escaped there. Drawings in it, also in lists, become files of the report."""
+    def content(self, context: ReportContext) -> Content | None:
+        """What the template sees, where it is escaped; None where there is nothing to show.
+
+        Drawings in it, also in lists, become files of the report.
+        """

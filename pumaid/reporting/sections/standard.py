@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT, Finding
 from pumaid.effects import catalogue
 from pumaid.reporting import tables, text
 from pumaid.reporting.context import ReportContext
+from pumaid.reporting.figures import model, residuals
 from pumaid.reporting.figures.arm import skeleton_figure
-from pumaid.reporting.figures.model import PAGE_WIDTH, history_figure, parameter_figures, share_figure
-from pumaid.reporting.figures.residuals import (
-    budget_figure,
-    budgets,
-    current_figures,
-    finding_figures,
-    residual_figures,
-    shape_figures,
-)
-from pumaid.reporting.figures.runs import MOST_RUNS, beginning, run_figure
+from pumaid.reporting.figures.runs import MOST_RUNS, run_figure
 from pumaid.reporting.run_tables import axes_table, file_table, rejection_table, runs_by_joint_table
 from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.table import Table
@@ -37,7 +31,7 @@ class Summary(Section):
         return {
             "sentences": [text.data_sentence(context.dataset), text.parameters_sentence(context.estimate)],
             "joints": [text.joint_sentence(score, context.robot) for score in scores],
-            "shares": share_figure(context) if any(score.shares for score in scores) else None,
+            "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
         }
 
 
@@ -47,9 +41,11 @@ class ArmSection(Section):
     order, title = 10, "Arm"
 
     def content(self, context: ReportContext) -> Content:
-        gravity = ", ".join(f"{component:.6g}" for component in context.robot.gravity)
-        table = axes_table(context.robot, context.units)
-        return {"robot": context.robot, "gravity": gravity, "table": table, "skeleton": skeleton_figure(context)}
+        robot, runs = context.robot, context.dataset.runs
+        position = np.nan_to_num(runs[0].posture) if runs else np.zeros(robot.n_joints)
+        gravity = ", ".join(f"{component:.6g}" for component in robot.gravity)
+        table, skeleton = axes_table(robot, context.units), skeleton_figure(robot, position)
+        return {"robot": robot, "gravity": gravity, "table": table, "skeleton": skeleton}
 
 
 class Data(Section):
@@ -58,14 +54,10 @@ class Data(Section):
     order, title = 20, "Data"
 
     def content(self, context: ReportContext) -> Content:
-        dataset = context.dataset
-        picture = run_figure(beginning(dataset), context.robot, context.units) if dataset.runs else None
-        if picture and len(dataset.runs) > MOST_RUNS:
-            first = f"The first {MOST_RUNS} of {len(dataset.runs)} runs. "
-            picture = replace(picture, caption=first + picture.caption)
+        dataset, robot, units = context.dataset, context.robot, context.units
         return {
-            "joints": runs_by_joint_table(dataset, context.robot, units=context.units),
-            "picture": picture,
+            "joints": runs_by_joint_table(dataset, robot, units=units),
+            "picture": run_figure(dataset, robot, units, limit=MOST_RUNS) if dataset.runs else None,
             "tables": [table for table in (rejection_table(dataset), file_table(dataset)) if table.rows],
         }
 
@@ -76,10 +68,11 @@ class Parameters(Section):
     order, title = 30, "Parameters"
 
     def content(self, context: ReportContext) -> Content:
+        has_values = any(value.ci95 is not None for value in context.estimate.values)
         return {
             "table": tables.parameter_table(context.estimate, context.robot, context.units),
             "sums": tables.combination_table(context.estimate),
-            "figures": parameter_figures(context),
+            "figure_of_values": model.parameter_figure(context) if has_values else None,
         }
 
 
@@ -93,7 +86,7 @@ class Prediction(Section):
         return {
             "both_ways": any((joint, -1) in ways and (joint, 1) in ways for joint in context.moving()),
             "table": tables.comparison_table(context.comparison, context.robot),
-            "figures": current_figures(context),
+            "figures": [residuals.current_figure(context, joint) for joint in context.moving()],
         }
 
 
@@ -102,19 +95,18 @@ class Residuals(Section):
 
     order, title = 50, "Residuals"
 
-    def applies(self, context: ReportContext) -> bool:
-        return bool(context.comparison.runs)
-
-    def content(self, context: ReportContext) -> Content:
+    def content(self, context: ReportContext) -> Content | None:
         comparison, robot = context.comparison, context.robot
-        loud = [score for score in budgets(context) if score.budget and not text.is_noise_only(score.budget)]
+        if not comparison.runs:
+            return None
+        loud = [score for score in comparison.joints if score.budget and not text.is_noise_only(score.budget)]
         worst = tables.worst_runs_table(comparison, robot, count=WORST, units=context.units)
         return {
             "joints": [text.budget_sentence(score, robot) for score in loud],
             "noise_only": text.noise_only_sentence(comparison, robot),
             "limits": text.budget_limit_sentences(comparison, robot),
-            "budget": budget_figure(context),
-            "figures": residual_figures(context),
+            "budget": residuals.budget_figure(context),
+            "figures": [residuals.residual_figure(context, joint) for joint in context.moving()],
             "tables": [worst],
         }
 
@@ -124,17 +116,15 @@ class DiagnosisSection(Section):
 
     order, title = 60, "Missing effects"
 
-    def applies(self, context: ReportContext) -> bool:
-        return context.diagnosis is not None
-
-    def content(self, context: ReportContext) -> Content:
+    def content(self, context: ReportContext) -> Content | None:
         diagnosis, robot, units = context.diagnosis, context.robot, context.units
-        assert diagnosis is not None
+        if diagnosis is None:
+            return None
         unexplained = [
             {
                 "title": text.unexplained_title(joint, robot),
                 "sentences": text.unexplained_sentences(joint, units),
-                "figures": shape_figures(joint, robot, units),
+                "figures": [residuals.shape_figure(joint, robot, units)] if joint.unexplained else [],
             }
             for joint in diagnosis.joints
             if joint.verdict == UNEXPLAINED_JOINT
@@ -156,6 +146,7 @@ def _block(name: str, finding: Finding, context: ReportContext) -> Content:
     """A finding, or an effect that was added after an earlier one; the names of its figures begin with `name`."""
     robot, units = context.robot, context.units
     assert context.diagnosis is not None
+    draw = partial(residuals.finding_figure, robot=robot, name=name, units=units)
     title = text.applied_title if name.startswith("added") else text.finding_title
     return {
         "title": title(finding, robot),
@@ -163,7 +154,7 @@ def _block(name: str, finding: Finding, context: ReportContext) -> Content:
         "decision": text.decision_sentence(finding),
         "command": finding.command,
         "runs": tables.deciding_runs_table(finding, robot, units),
-        "figures": finding_figures(finding, robot, name=name, units=units),
+        "figures": [draw(finding, curve) for curve in finding.curves],
     }
 
 
@@ -172,13 +163,11 @@ class HistorySection(Section):
 
     order, title = 70, "History"
 
-    def applies(self, context: ReportContext) -> bool:
-        return context.ladder is not None and len(context.ladder.rungs) > 1
-
-    def content(self, context: ReportContext) -> Content:
+    def content(self, context: ReportContext) -> Content | None:
         ladder = context.ladder
-        assert ladder is not None
-        steps = history_figure(ladder, width=PAGE_WIDTH) if len(ladder.path) > 1 else None
+        if ladder is None or len(ladder.rungs) < 2:
+            return None
+        steps = model.history_figure(ladder, width=model.PAGE_WIDTH) if len(ladder.path) > 1 else None
         return {"steps": steps, "tables": [tables.history_table(ladder), tables.history_joint_table(ladder)]}
 
 
