@@ -56,11 +56,11 @@ def share_figure(context: ReportContext) -> Drawing:
     for score in scores:
         total.update({name: abs(share) for name, share in score.shares.items() if name != UNEXPLAINED})
     # The paper's effects first, then those with the largest share in the whole arm.
-    order, others = list(EFFECT_COLOURS), cycle(AREAS[4:])
+    order, palette = list(EFFECT_COLOURS), cycle(AREAS[4:])
     first = {name: name.split(TOGETHER)[0] for name in total}
     rank = {name: ([*order, first[name]].index(first[name]), name.count(TOGETHER)) for name in total}
     names = sorted(total, key=lambda name: (rank[name], -total[name]))
-    colours = {name: EFFECT_COLOURS.get(name) or next(others) for name in names} | {UNEXPLAINED: BACKWARD}
+    colours = {name: EFFECT_COLOURS.get(name) or next(palette) for name in names} | {UNEXPLAINED: BACKWARD}
     figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
     bars = {
         f"{score.joint}  {shortened(context.robot.joint(score.joint).name, 20)}": (
