@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -22,6 +23,19 @@ def listed(names: Sequence[str], most: int = 8, *, separator: str = ", ") -> str
     """Names for a message: the first few of many, long ones cut."""
     text = separator.join(name if len(name) <= 80 else f"{name[:77]}..." for name in names[:most])
     return f"{text} ... ({len(names)} in all)" if len(names) > most else text
+
+
+def nearest(word: object, names: Iterable[str], *, cutoff: float = 0.6) -> str | None:
+    """The name that `word` was probably meant to be, capitals apart, or none."""
+    by_lower = {name.lower(): name for name in names}
+    close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=cutoff)
+    return by_lower[close[0]] if close else None
+
+
+def meant(word: object, names: Sequence[str]) -> str:
+    """A mend: the nearest of the names that are known, or what they are."""
+    near = nearest(word, names)
+    return f"did you mean {near}?" if near else f"known here: {listed(names, 30)}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 import sys
@@ -17,7 +16,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
-from pumaid.errors import Faults, PumaidError, RecipeError, Where, listed
+from pumaid.errors import PumaidError, RecipeError, Where, meant, refuse
 
 #: Most bytes of a recipe, levels of nesting, and values after aliases are expanded.
 MAX_BYTES, MAX_DEPTH, MAX_VALUES = 200_000, 20, 200_000
@@ -57,19 +56,6 @@ class Document:
         while steps not in self.lines:
             steps = steps[:-1]
         return self.lines[steps]
-
-
-def nearest(word: object, known: Iterable[str]) -> str | None:
-    """The known word that `word` was probably meant to be, or none."""
-    by_lower = {name.lower(): name for name in known}
-    close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
-    return by_lower[close[0]] if close else None
-
-
-def meant(word: object, known: Sequence[str]) -> str:
-    """A mend: the nearest of the known words, or what they are."""
-    near = nearest(word, known)
-    return f"did you mean {near}?" if near else f"known here: {listed(known, 30)}"
 
 
 def yaml_text(text: str) -> str:
@@ -114,15 +100,20 @@ def parsed_yaml(content: bytes, file: str, *, kind: type[PumaidError] = RecipeEr
     Raises
     ------
     PumaidError [yaml-refused]
-        Of type `kind`: it is not UTF-8 or UTF-16 text, not YAML, or has tags, several documents, too many levels or
-        values.
+        Of type `kind`: it is not UTF-8 or UTF-16 text, not YAML, no mapping, or has tags, several documents, too many
+        levels or values.
     """
     document = Document(None, {}, [])
     try:
         text = content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
         text = text.replace("\r\n", "\n").replace("\r", "\n")
         yaml = YAML(typ="safe", pure=True)
-        document.data = _value(yaml.compose(text), (), document, yaml)
+        root = yaml.compose(text)
+        if not isinstance(root, MappingNode):
+            raise _Refused(
+                "the file holds no keys and values", 1, "write one with pumaid init (a recipe) or pumaid plan"
+            )
+        document.data = _value(root, (), document, yaml)
         return document
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
@@ -147,8 +138,6 @@ class _Refused(Exception):
 
 def _value(node: Any, path: KeyPath, document: Document, yaml: YAML) -> Any:
     """The plain value of a composed node; its lines, and keys given twice, are put into the document."""
-    if node is None:
-        raise _Refused("the file is empty", 1, "write one with pumaid init (a recipe) or pumaid plan")
     line = node.start_mark.line + 1
     document.lines.setdefault(path, line)
     if len(path) > MAX_DEPTH:
@@ -227,7 +216,8 @@ def validated(
     if len(errors) > MOST_FAULTS:
         last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS
         errors[MOST_FAULTS - 1 :] = [kind(last.slug, f"{last.what} (and {more} more faults)", last.where, last.mend)]
-    raise errors[0] if len(errors) == 1 else Faults(errors)
+    refuse(errors)
+    raise AssertionError("there are faults")
 
 
 def dotted(path: Sequence[str | int]) -> str:

@@ -5,24 +5,24 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationInfo
+from pydantic import BaseModel, Field
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Note, Where, listed
 from pumaid.io.forms import (
     FORM,
     Document,
+    Fault,
     Finite,
+    KeyPath,
     file_name,
     parsed_yaml,
     read_bytes,
-    refusal,
-    shown,
     validated,
     yaml_text,
 )
@@ -42,120 +42,49 @@ _DIGITS = 10
 _ROUNDING = 1e-8
 
 
-@dataclass(frozen=True, slots=True)
-class _PlannedArm:
-    """The robot of a plan, and the plan's unit of angles."""
-
-    robot: Robot
-    angle: str
-
-    def unit(self, joint: int) -> tuple[str, float]:
-        """The plan's unit of the joint's position, and SI per unit."""
-        return (self.angle, factor(self.angle)) if self.robot.joint(joint).is_revolute else ("m", 1.0)
-
-    def scaled(self, hold: Sequence[float]) -> list[float]:
-        """Held positions in the plan's units."""
-        return [value / self.unit(joint)[1] for joint, value in enumerate(hold, start=1)]
-
-    @property
-    def holds(self) -> list[str]:
-        """The columns of held positions in a plan's CSV."""
-        return [f"hold{joint.number}_{self.unit(joint.number)[0]}" for joint in self.robot.joints]
-
-
-def _arm(info: ValidationInfo) -> _PlannedArm:
-    return cast(_PlannedArm, info.context)
-
-
-def _joint_number(joint: int, info: ValidationInfo) -> int:
-    n_joints = _arm(info).robot.n_joints
-    if not 1 <= joint <= n_joints:
-        raise refusal(f"there is no joint {joint}", f"joints count from 1 to {n_joints}")
-    return joint
-
-
-def _within_limits(joint: int, value: float, arm: _PlannedArm) -> float:
-    """A position in SI; one outside the joint's limits is refused."""
-    unit, scale = arm.unit(joint)
-    low, high = (limit / scale for limit in arm.robot.joint(joint).limits or (-math.inf, math.inf))
-    slack = _ROUNDING * (high - low) if high < math.inf else 0.0
-    if not low - slack <= value <= high + slack:
-        what = f"{value:g} {unit} is outside joint {joint}'s limits {number(low)}..{number(high)} {unit}"
-        raise refusal(what, "stay inside the limits, or correct them in the recipe")
-    return value * scale
-
-
-def _hold(values: list[float], info: ValidationInfo) -> tuple[float, ...]:
-    arm, moving = _arm(info), info.data.get("joint")
-    if len(values) != arm.robot.n_joints:
-        what = f"{len(values)} held positions, {arm.robot.name} has {arm.robot.n_joints} joints"
-        raise refusal(what, "is the plan for another robot?")
-    return tuple(
-        value * arm.unit(joint)[1] if joint == moving else _within_limits(joint, value, arm)
-        for joint, value in enumerate(values, start=1)
-    )
-
-
-def _position(value: float, info: ValidationInfo) -> float:
-    if "joint" not in info.data:
-        return value
-    out = _within_limits(info.data["joint"], value, _arm(info))
-    if info.field_name == "end" and out == info.data.get("start"):
-        raise refusal(f"the run goes from {value:g} to the same place", "give the span another end")
-    return out
-
-
-def _velocity(value: float, info: ValidationInfo) -> float:
-    if "joint" not in info.data:
-        return value
-    joint = _arm(info).robot.joint(info.data["joint"])
-    unit, scale = _arm(info).unit(joint.number)
-    if joint.max_velocity is not None and value * scale > joint.max_velocity * (1.0 + 1e-6):
-        highest = number(joint.max_velocity / scale)
-        what = f"joint {joint.number} may do {highest} {unit}/s, the run wants {value:g}"
-        raise refusal(what, "lower the velocity")
-    return value * scale
-
-
-Number = Annotated[int, Field(strict=True), AfterValidator(_joint_number)]
-Hold = Annotated[list[Finite], AfterValidator(_hold)]
-Position = Annotated[Finite, AfterValidator(_position)]
-
-
-class _PlanEntry(BaseModel):
+class _PlanForm(BaseModel):
     model_config = FORM
 
 
-class RunForm(_PlanEntry):
+class HoldForm(_PlanForm):
+    """The joint that moves, and where all are held."""
+
+    joint: int
+    hold: list[Finite] = Field(examples=["[...], one position a joint"])
+
+
+class PostureForm(HoldForm):
+    """One entry of `postures`."""
+
+    serves: list[str] = []
+    why: str = ""
+
+
+class RunForm(HoldForm):
     """One entry of `runs`."""
 
-    joint: Number
-    hold: Hold = Field(examples=["[...], one position a joint"])
-    start: Position = Field(alias="from")
-    end: Position = Field(alias="to")
-    velocity: Annotated[Finite, Field(gt=0), AfterValidator(_velocity)] = Field(
+    start: Finite = Field(alias="from")
+    end: Finite = Field(alias="to")
+    velocity: Annotated[Finite, Field(gt=0)] = Field(
         examples=["a speed above 0; the direction follows from `from` and `to`"]
     )
     purpose: Literal["fit", "heldout"] = "fit"
 
 
-class PostureForm(_PlanEntry):
-    """One entry of `postures`."""
+class PlanUnits(_PlanForm):
+    """The block `units`."""
 
-    joint: Number
-    hold: Hold
-    serves: list[str] = []
-    why: str = ""
+    angle: Literal["rad", "deg"] = "rad"
 
 
-class PlanForm(_PlanEntry):
+class PlanForm(_PlanForm):
     """The whole file; only kind, format and runs are needed, and what the runs promise is not read back."""
 
     kind: Literal["plan"] = Field(examples=["plan"])
     format: Literal[1] = Field(examples=["1"])
     runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
     robot: str = ""
-    units: dict[Literal["angle"], Any] = {}
+    units: PlanUnits = PlanUnits()
     postures: list[PostureForm] = []
     duration: Finite = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
@@ -166,6 +95,45 @@ class PlanForm(_PlanEntry):
     notes: Any = None
     pumaid: Any = None
     recipe: Any = None
+
+
+def _units(robot: Robot, angle: str) -> list[tuple[str, float]]:
+    """By joint, a plan's unit of its position, and SI per unit."""
+    return [(angle, factor(angle)) if joint.is_revolute else ("m", 1.0) for joint in robot.joints]
+
+
+def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
+    """What an arm cannot do of a plan."""
+    units = _units(robot, form.units.angle)
+    runs, postures = [(("runs", index), entry) for index, entry in enumerate(form.runs)], enumerate(form.postures)
+    entries: list[tuple[KeyPath, HoldForm]] = [*runs, *((("postures", index), entry) for index, entry in postures)]
+    for path, entry in entries:
+        if not 1 <= entry.joint <= robot.n_joints:
+            mend = f"joints count from 1 to {robot.n_joints}"
+            yield Fault((*path, "joint"), "", f"there is no joint {entry.joint}", mend)
+            continue
+        if len(entry.hold) != robot.n_joints:
+            what = f"{len(entry.hold)} held positions, {robot.name} has {robot.n_joints} joints"
+            yield Fault((*path, "hold"), "", what, "is the plan for another robot?")
+        moving, (unit, scale) = robot.joint(entry.joint), units[entry.joint - 1]
+        places = [("hold", joint, value) for joint, value in zip(robot.joints, entry.hold, strict=False)]
+        places = [place for place in places if place[1] != moving]
+        if isinstance(entry, RunForm):
+            places += [("from", moving, entry.start), ("to", moving, entry.end)]
+            if entry.start == entry.end:
+                what = f"the run goes from {entry.start:g} to the same place"
+                yield Fault((*path, "to"), "", what, "give the span another end")
+            if entry.velocity * scale > (1.0 + 1e-6) * (moving.max_velocity or math.inf):
+                highest = number((moving.max_velocity or math.inf) / scale)
+                what = f"joint {moving.number} may do {highest} {unit}/s, the run wants {entry.velocity:g}"
+                yield Fault((*path, "velocity"), "", what, "lower the velocity")
+        for key, joint, value in places:
+            unit, scale = units[joint.number - 1]
+            low, high = (limit / scale for limit in joint.limits or (-math.inf, math.inf))
+            slack = _ROUNDING * (high - low) if joint.limits else 0.0
+            if not low - slack <= value <= high + slack:
+                what = f"{value:g} {unit} is outside joint {joint.number}'s limits {number(low)}..{number(high)} {unit}"
+                yield Fault((*path, key), "", what, "stay inside the limits, or correct them in the recipe")
 
 
 def find_plan(folders: Iterable[Path]) -> Path | None:
@@ -189,54 +157,56 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     content = read_bytes(path, kind=ModelError, most=_MAX_BYTES)
     is_csv = path.suffix.lower() == ".csv"
     document = _csv_document(content, name, robot) if is_csv else parsed_yaml(content, name, kind=ModelError)
-    data = document.data
-    if not isinstance(data, dict):
-        what = f"the file holds {shown(data)}, not keys and values"
-        raise ModelError("plan-wrong", what, Where(file=name, line=1), "make one with: pumaid plan")
-    units = data.get("units", {"angle": "rad"})
-    angle = units.get("angle") if isinstance(units, dict) else units
-    if angle not in ("deg", "rad"):  # limits in an unknown unit mean nothing
-        where = Where(file=name, line=document.line_of(("units", "angle")), field="units.angle")
-        mend = "write units: {angle: deg}, or rad"
-        raise ModelError("plan-wrong", f"the angles' unit is {shown(angle)}", where, mend)
-    form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", context=_PlannedArm(robot, angle))
-    notes = []
-    if form.robot and form.robot != robot.name:
-        notes.append(Note("plan-other-robot", f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"))
+    check = partial(_faults, robot=robot)
+    form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", between=check)
+    scales = [scale for _, scale in _units(robot, form.units.angle)]
+
+    def held(entry: HoldForm) -> tuple[float, ...]:
+        return tuple(value * scale for value, scale in zip(entry.hold, scales, strict=True))
+
+    motions = []
+    for run in form.runs:
+        start, end, velocity = (value * scales[run.joint - 1] for value in (run.start, run.end, run.velocity))
+        motions.append(Motion(run.joint, held(run), start, end, velocity, run.purpose))
+    text = f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"
     return Plan(
         form.robot or robot.name,
-        tuple(Motion(run.joint, tuple(run.hold), run.start, run.end, run.velocity, run.purpose) for run in form.runs),
-        tuple(Posture(p.joint, tuple(p.hold), tuple(p.serves), p.why) for p in form.postures),
+        tuple(motions),
+        tuple(Posture(entry.joint, held(entry), tuple(entry.serves), entry.why) for entry in form.postures),
         duration=form.duration,
         seed=form.seed,
-        notes=tuple(notes),
+        notes=() if form.robot in ("", robot.name) else (Note("plan-other-robot", text),),
     )
+
+
+def _hold_columns(robot: Robot, angle: str) -> list[str]:
+    """The columns of held positions in a plan's CSV."""
+    return [f"hold{number}_{unit}" for number, (unit, _) in enumerate(_units(robot, angle), start=1)]
 
 
 def _csv_document(content: bytes, file: str, robot: Robot) -> Document:
     """A CSV plan as the document that the same plan in YAML would be."""
     try:
-        rows = list(csv.reader(content.decode("utf-8-sig").splitlines()))
+        text = content.decode("utf-8-sig")
+        reader = csv.DictReader(text.splitlines(), restval="", skipinitialspace=True)
+        rows = [(reader.line_num, row) for row in reader]
     except (ValueError, csv.Error) as error:
         what = f"{file} is not CSV text: {error}"
         raise ModelError("file-not-readable", what, Where(file=file), "save it as UTF-8") from error
-    header = [name.strip() for name in rows[0]] if rows else []
-    arm = _PlannedArm(robot, "rad" if any(name.endswith("_rad") for name in header) else "deg")
-    needed = ["joint", *arm.holds, "from", "to", "velocity"]
+    header = list(reader.fieldnames or [])
+    angle = "rad" if "_rad" in "".join(header) else "deg"
+    holds = _hold_columns(robot, angle)
+    needed = ["joint", *holds, "from", "to", "velocity"]
     if set(header) - {"run", "unit", "purpose"} != set(needed):
         what = f"the columns are {listed(header, 20)}"
         mend = f"a plan of {robot.name} has {', '.join(needed)}, and may have run, unit, purpose"
         raise ModelError("plan-wrong", what, Where(file=file, line=1), mend)
-    lines: dict[tuple[str | int, ...], int] = {(): 1}
-    runs: list[dict[str, Any]] = []
-    for line, cells in enumerate(rows[1:], start=2):
-        if cells:
-            lines["runs", len(runs)] = line
-            row = {name: _cell(name, cell.strip()) for name, cell in zip(header, cells, strict=False)}
-            run = {name: row.get(name, "") for name in ("joint", "from", "to", "velocity")}
-            hold = [row.get(name, "") for name in arm.holds]
-            runs.append({**run, "hold": hold, "purpose": row.get("purpose") or "fit"})
-    return Document({"kind": "plan", "format": 1, "units": {"angle": arm.angle}, "runs": runs}, lines, [])
+    runs = []
+    for _, row in rows:
+        run = {name: _cell(name, row[name]) for name in ("joint", "from", "to", "velocity")}
+        runs.append({**run, "hold": [_cell(name, row[name]) for name in holds], "purpose": row.get("purpose") or "fit"})
+    lines: dict[KeyPath, int] = {(): 1} | {("runs", index): line for index, (line, _) in enumerate(rows)}
+    return Document({"kind": "plan", "format": 1, "units": {"angle": angle}, "runs": runs}, lines, [])
 
 
 def _cell(name: str, text: str) -> Any:
@@ -256,15 +226,14 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
     """A plan for a robot as the text of its file, in deg and m: YAML, or with `format` ``"csv"`` a row a run without
     the reasons and the forecast, units in the columns' names.
     """
-    arm = _PlannedArm(robot, "deg")
-    entries = _entries(plan, arm)
+    entries = _entries(plan, robot, "deg")
     if format == "csv":
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(["run", "joint", *arm.holds, "from", "to", "velocity", "unit", "purpose"])
+        writer.writerow(["run", "joint", *_hold_columns(robot, "deg"), "from", "to", "velocity", "unit", "purpose"])
         for count, run in enumerate(entries["runs"], start=1):
             numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
-            writer.writerow([count, run["joint"], *numbers, arm.unit(run["joint"])[0], run["purpose"]])
+            writer.writerow([count, run["joint"], *numbers, _units(robot, "deg")[run["joint"] - 1][0], run["purpose"]])
         return out.getvalue()
     entries["duration"] = round(plan.duration, 1)
     entries["efficiency"] = None if plan.efficiency is None else round(plan.efficiency, 3)
@@ -288,29 +257,32 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
 def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
     """A plan as the document of ``--json``: angles in rad, SI otherwise."""
     return {
-        **_entries(plan, _PlannedArm(robot, "rad")),
+        **_entries(plan, robot, "rad"),
         "pumaid": __version__,
         "recipe": {"file": robot.origin, "sha256": robot.digest},
         "notes": [note.as_json() for note in plan.notes],
     }
 
 
-def _entries(plan: Plan, arm: _PlannedArm) -> dict[str, Any]:
-    """What a plan's document holds, positions in the unit of `arm`."""
+def _entries(plan: Plan, robot: Robot, angle: str) -> dict[str, Any]:
+    """What a plan's document holds, positions in the unit `angle`, or m."""
+    scales = [scale for _, scale in _units(robot, angle)]
+
+    def head(entry: Motion | Posture) -> dict[str, Any]:
+        hold = [value / scale for value, scale in zip(entry.hold, scales, strict=True)]
+        return {"joint": entry.joint, "hold": hold}
+
     runs = []
     for motion in plan.motions:
-        scale = arm.unit(motion.joint)[1]
-        ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
-        runs.append({"joint": motion.joint, "hold": arm.scaled(motion.hold), **ends, "purpose": motion.purpose})
-    postures = [
-        {"joint": posture.joint, "hold": arm.scaled(posture.hold), "serves": list(posture.serves), "why": posture.why}
-        for posture in plan.postures
-    ]
+        ends = {"from": motion.start, "to": motion.end, "velocity": motion.velocity}
+        ends = {key: value / scales[motion.joint - 1] for key, value in ends.items()}
+        runs.append({**head(motion), **ends, "purpose": motion.purpose})
+    postures = [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures]
     return {
         "kind": "plan",
         "format": PLAN_FORMAT,
         "robot": plan.robot,
-        "units": {"angle": arm.angle},
+        "units": {"angle": angle},
         "seed": plan.seed,
         "duration": plan.duration,
         "efficiency": plan.efficiency,

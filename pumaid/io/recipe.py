@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.errors import RecipeError, Where
-from pumaid.io.forms import MAX_BYTES, file_name, nearest, parsed_yaml, read_bytes, shown, validated
+from pumaid.errors import RecipeError, Where, nearest
+from pumaid.io.forms import MAX_BYTES, file_name, parsed_yaml, read_bytes, validated
 from pumaid.io.recipe_schema import ArmForm, JointForm, LogForm, RecipeForm, SafetyForm, coupled, faults_between
 from pumaid.kinematics import Floats, placement, turn_of_z
 from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
@@ -37,9 +37,6 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
     """The robot of a recipe with this content; `name` is that of the file, for messages."""
     document = parsed_yaml(content, name)
     data, where = document.data, Where(file=name, line=document.line_of(()))
-    if not isinstance(data, dict):
-        mend = "start from: pumaid init puma560 -o recipe.yaml"
-        raise RecipeError("recipe-bad-value", f"the file holds {shown(data)}, not keys and values", where, mend)
     if isinstance(data.get("kind"), str):
         what = f"this is a {data['kind']} file, not a recipe"
         raise RecipeError("recipe-bad-value", what, where, "give the robot's recipe")

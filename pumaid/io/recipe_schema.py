@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal, cast
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
 
-from pumaid.io.forms import FORM, Fault, Finite, meant, refusal
+from pumaid.errors import meant
+from pumaid.io.forms import FORM, Fault, Finite, refusal
 from pumaid.units import UNITS, factor
 
 #: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import Note, RecipeError, Where, listed
-from pumaid.io.forms import file_name, meant, read_bytes, yaml_text
+from pumaid.errors import Note, RecipeError, Where, listed, meant
+from pumaid.io.forms import file_name, read_bytes, yaml_text
 from pumaid.io.recipe import parsed_recipe, recipe_text
 from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_RAIL, SLOWEST, WIDEST, is_joint_name
 from pumaid.kinematics import placement, roll_pitch_yaw

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from pumaid.io.forms import nearest, parsed_yaml
+from pumaid.errors import nearest
+from pumaid.io.forms import parsed_yaml
 
 TEXT = "name: x\nlist:\n  - a: 1\n  - a: 2\n    b: [1.5,\n        true]\n"
 

@@ -111,7 +111,7 @@ def test_hand_written_plan_is_read(tmp_path):
         ("velocity: 0.1", "velocty: 0.1", "runs[1].velocty", 6, "did you mean velocity?"),
         ("kind: plan", "kind: model", "kind", 1, "be 'plan'"),
         ("format: 1", "format: 2", "format", 2, "format is 2: it should be 1"),
-        ("angle: deg", "angle: grad", "units.angle", 4, "{angle: deg}, or rad"),
+        ("angle: deg", "angle: grad", "units.angle", 4, "did you mean rad?"),
         ("joint: 1", "joint: 3", "runs[1].joint", 6, "from 1 to 2"),
         ("joint: 1", "joint: true", "runs[1].joint", 6, "valid integer"),
         ("[0, 30]", "[0, 30, 0]", "runs[1].hold", 6, "3 held positions, Lift & tip: 2 has 2 joints"),

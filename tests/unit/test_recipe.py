@@ -186,8 +186,8 @@ def test_a_slip_in_a_required_key_is_told_once(recipe) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", "empty"),
-        (b"# only a remark\n", "empty"),
+        (b"", "keys and values"),
+        (b"# only a remark\n", "keys and values"),
         (b"- 1\n- 2\n", "keys and values"),
         (b"name: \xe9\n", "UTF-8"),
         (b"\x89PNG\r\n\x1a\n", "UTF-8"),

@@ -112,7 +112,7 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
 
 
 def _text(name: str | None, joints: int | None) -> str:
-    from pumaid.io.forms import nearest
+    from pumaid.errors import nearest
     from pumaid.io.recipe import blank, shipped_recipes, started_from
 
     names = [*shipped_recipes(), "blank"]
