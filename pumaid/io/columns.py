@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
@@ -14,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.errors import LogError, Note, PumaidError, Where, listed, refuse
+from pumaid.errors import LogError, Note, PumaidError, Where, listed, nearest, refuse
 from pumaid.io.formats import LogColumn
 from pumaid.robot import Joint, LogFormat, Robot
 from pumaid.units import UNITS
@@ -168,28 +167,12 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     block = paste_block(header, robot)
     if block:
         return f"if these are the columns meant, put this into the recipe:\n{block}"
-    columns = {(q, joint.number): robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints}
-    have, drawn = (
-        [joint for (q, joint), column in columns.items() if q == quantity and column in header]
-        for quantity in ("position", "current")
-    )
-    hints = []
-    if have and robot.log.time in header and have == drawn and max(have) == len(have) < robot.n_joints:
-        hints.append(f"it holds {len(have)} joints, {robot.name} has {robot.n_joints}: is it this robot's log?")
-        missing = ()
     # What the recipe names already is no other quantity.
-    free = [column for column in header if column not in {robot.log.time, *columns.values()}]
-    hints += [f"the nearest to {column} is {near}" for column in missing[:3] if (near := nearest(column, free))]
-    hints.append("name this file's columns in the recipe's log block (pumaid init shows one)")
-    return "; ".join(hints)
-
-
-def nearest(column: str, header: Sequence[str]) -> str | None:
-    """The name in a header that is most like `column`, or goes on where that ends, capitals apart."""
-    names, meant = {item.lower(): item for item in reversed(header)}, column.lower()
-    longer = [name for name in names if len(meant) > 2 and name.startswith(meant)]
-    near = difflib.get_close_matches(meant, names, n=1, cutoff=ALIKE) or longer
-    return names[near[0]] if near else None
+    named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
+    free = [column for column in header if column not in named]
+    near = {column: nearest(column, free, cutoff=ALIKE) for column in missing[:3]}
+    hints = [f"the nearest to {column} is {name}" for column, name in near.items() if name]
+    return "; ".join([*hints, "name this file's columns in the recipe's log block (pumaid init shows one)"])
 
 
 def paste_block(header: Sequence[str], robot: Robot) -> str | None:

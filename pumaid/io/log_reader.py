@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.dataset import FileFacts, Log
-from pumaid.errors import LogError, Note, Where, listed
-from pumaid.io.columns import Columns, nearest, resolve
+from pumaid.errors import LogError, Note, Where, listed, nearest
+from pumaid.io.columns import ALIKE, Columns, resolve
 from pumaid.io.formats import HEAD_BYTES, LogSource, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.robot import Robot
@@ -109,7 +109,9 @@ class LogReader:
                 have |= dict.fromkeys(column.name for column in log_source(file, str(path)).schema())
         missing = [column for column in self.extra if column not in have]
         if missing:
-            hints = [f"did you mean {near} for {name}?" for name in missing if (near := nearest(name, list(have)))]
+            hints = [
+                f"did you mean {near} for {name}?" for name in missing if (near := nearest(name, have, cutoff=ALIKE))
+            ]
             what = f"no log has a column {listed(missing)}; there are {listed(list(have), 12)}"
             mend = "; ".join(hints) or "name a column as the logs' header does"
             raise LogError("column-missing", what, Where(str(self._paths[0]), row=1, column=missing[0]), mend)

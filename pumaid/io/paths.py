@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import fnmatch
 import glob
 import os
@@ -11,11 +10,11 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO
+from typing import Any
 
-from pumaid.errors import LogError, Where, listed
+from pumaid.errors import LogError, Where, listed, nearest
 from pumaid.io.formats import HEAD_BYTES, endings, log_format
 
 #: Stands for standard input.
@@ -135,8 +134,8 @@ def _nearest(path: Path) -> str:
         names = sorted(item.name for item in folder.iterdir() if item.exists() and not item.name.startswith("."))
     except OSError:
         return "check the path"
-    near = difflib.get_close_matches(path.relative_to(folder).parts[0], names, n=1, cutoff=0.5)
-    return f"did you mean {folder / near[0]}?" if near else f"{folder} holds {listed(names) or 'nothing'}"
+    near = nearest(path.relative_to(folder).parts[0], names, cutoff=0.5)
+    return f"did you mean {folder / near}?" if near else f"{folder} holds {listed(names) or 'nothing'}"
 
 
 def meant(pattern: str, names: Sequence[str]) -> list[str]:
@@ -156,8 +155,8 @@ def meant(pattern: str, names: Sequence[str]) -> list[str]:
         or fnmatch.fnmatch(Path(name).name, pattern)
     ]
     if not chosen:
-        near = difflib.get_close_matches(Path(pattern).name, [Path(name).name for name in names], n=1)
-        mend = f"did you mean {near[0]}?" if near else f"the logs that were read are {listed(names)}"
+        near = nearest(Path(pattern).name, [Path(name).name for name in names])
+        mend = f"did you mean {near}?" if near else f"the logs that were read are {listed(names)}"
         raise LogError("heldout-nothing", f"no log that was read is {pattern}", Where(file=pattern), mend)
     return chosen
 
@@ -175,7 +174,12 @@ def local_copy(path: LogPath) -> Iterator[Path]:
         if isinstance(path, Path) and path != STDIN and path.is_file():
             yield path
             return
-        with _stream(path) as stream, tempfile.NamedTemporaryFile(prefix="pumaid-") as copy:
+        store, place = (None, "") if path == STDIN else _store(path)
+        with (
+            tempfile.NamedTemporaryFile(prefix="pumaid-") as copy,
+            _refusals(),
+            store.open(place, "rb") if store else nullcontext(sys.stdin.buffer) as stream,
+        ):
             head = stream.read(HEAD_BYTES)
             log_format(head, str(path))  # what is no log may never end
             copy.write(head)
@@ -187,36 +191,24 @@ def local_copy(path: LogPath) -> Iterator[Path]:
         raise LogError("unreadable-log", what, Where(file=str(path)), "check its permissions and the disk") from error
 
 
-@contextmanager
-def _stream(path: LogPath) -> Iterator[BinaryIO]:
-    if path == STDIN:
-        yield sys.stdin.buffer
-    else:
-        store, place = _store(path)
-        with _refusals(), store.open(place, "rb") as stream:
-            yield stream
-
-
 def _store(path: LogPath) -> tuple[Any, str]:
-    """The file system of a path or URL, and the place in it."""
-    url, where = str(path), Where(file=str(path))
+    """The file system of a path or URL, and the place in it; LogError [no-store] where there is none."""
     if not is_remote(path):
-        return _Disk, url
-    if "::" in url:
-        what = f"{url}: an address within another one is not read"
-        raise LogError("no-store", what, where, "copy the files to a folder first")
+        return _Disk, str(path)
     try:
         import fsspec
 
+        if "::" in str(path):
+            raise OSError("an address within another one is not read")
         with _refusals():
-            store, place = fsspec.core.url_to_fs(url)
+            store, place = fsspec.core.url_to_fs(str(path))
+            return store, str(place)
     except ImportError as error:
-        what = f"{url} is in a store, and fsspec is not installed"
-        raise LogError("no-store", what, where, "pip install 'pumaid[dask]'") from error
+        what, mend = f"{path} is in a store, and fsspec is not installed", "pip install 'pumaid[dask]'"
+        raise LogError("no-store", what, Where(file=str(path)), mend) from error
     except OSError as error:
-        mend = f"is {url.partition(SCHEME)[0]} the right scheme? Some need a package of their own"
-        raise LogError("no-store", f"{url}: {error}", where, mend) from error
-    return store, str(place)
+        mend = f"is {str(path).partition(SCHEME)[0]} the right scheme? Some need a package of their own"
+        raise LogError("no-store", f"{path}: {error}", Where(file=str(path)), mend) from error
 
 
 @contextmanager

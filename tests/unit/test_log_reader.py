@@ -389,7 +389,7 @@ def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
     [
         ("time,q1,q2,torque_1,torque_2", "name this file's columns in the recipe's log block (pumaid init shows one)"),
         ("time,Q1,b,current_1,current_2", "the nearest to q1 is Q1; name this file's columns"),
-        ("timestamps,a,b,current_1,current_2", "the nearest to time is timestamps; name this file's columns"),
+        ("Times,a,b,current_1,current_2", "the nearest to time is Times; name this file's columns"),
     ],
 )
 def test_only_what_may_be_meant_is_named(tmp_path: Path, header: str, mend: str) -> None:
@@ -399,9 +399,9 @@ def test_only_what_may_be_meant_is_named(tmp_path: Path, header: str, mend: str)
 
 
 def test_another_number_of_joints_is_told(tmp_path: Path) -> None:
-    """A log of a shorter arm is refused with both numbers, one of a longer arm is read, with a doubt."""
+    """A log of a shorter arm is refused with its columns, one of a longer arm is read, with a doubt."""
     error = refusal(tmp_path / "a.csv", text(motion(20, 2)), arm(3))
-    assert error.slug == "column-missing" and "it holds 2 joints, test arm has 3" in error.mend
+    assert error.slug == "column-missing" and "no column q3; it has t, q1, q2" in error.what
     (tmp_path / "a.csv").write_text(text(motion(20, 3)))
     _, reader = read(tmp_path / "a.csv", arm(2))
     assert [note.slug for note in reader.notes] == ["more-joints"] and "q3, i3" in reader.notes[0].text
