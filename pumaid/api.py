@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from pumaid.dataset import Dataset
-from pumaid.errors import ResultError, Where
+from pumaid.errors import ResultError, Where, meant
 from pumaid.experiment import LOGS, MODEL, Experiment
 from pumaid.robot import Robot
 
@@ -179,8 +178,7 @@ class Identified(Answer):
         try:
             return self.record.value(name)
         except KeyError:
-            near = get_close_matches(name, self.record.names, n=1)
-            raise KeyError(f"there is no parameter {name}" + (f"; did you mean {near[0]}?" if near else "")) from None
+            raise KeyError(f"there is no parameter {name}; {meant(name, self.record.names)}") from None
 
     def to_frame(self, units: str = "rad") -> pd.DataFrame:
         """One row a parameter: name, symbol, joint, unit, value, std_error, ci_low, ci_high, state, reason ...

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import inspect
 import os
@@ -17,7 +16,7 @@ from click.exceptions import Exit
 
 from pumaid import __version__
 from pumaid.cli.failures import reported
-from pumaid.errors import EXIT_ATTENTION
+from pumaid.errors import EXIT_ATTENTION, meant
 
 click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
 click.rich_click.STYLE_HELPTEXT = ""
@@ -58,9 +57,7 @@ class Commands(click.RichGroup):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         names = self.list_commands(ctx)
         if args and args[0] not in names and not args[0].startswith("-"):
-            near = difflib.get_close_matches(args[0], names, n=1)
-            hint = f" Did you mean '{near[0]}'?" if near else f" Commands: {', '.join(names)}."
-            raise click.UsageError(f"No such command '{args[0]}'.{hint}", ctx)
+            raise click.UsageError(f"There is no command {args[0]}: {meant(args[0], names)}", ctx)
         return super().resolve_command(ctx, args)
 
     def make_context(

@@ -101,6 +101,20 @@ def output_option(text: str) -> Callable[[Decorated], Decorated]:
     return click.option("-o", "--output", type=kind, metavar="FILE", help=text)
 
 
+def separated(kind: click.ParamType, count: int | None = None) -> Callable[..., tuple[Any, ...] | None]:
+    """A click callback that reads words of a kind with commas between, `count` of them where that is given."""
+
+    def read(context: click.Context, option: click.Parameter, text: str | None) -> tuple[Any, ...] | None:
+        if text is None:
+            return None
+        values = tuple(kind.convert(word.strip(), option, context) for word in text.split(",") if word.strip())
+        if count not in (None, len(values)):
+            raise click.BadParameter(f"{text!r} has {len(values)} numbers, not {count}")
+        return values
+
+    return read
+
+
 def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
     """Refuse an empty word: it would mean every log below the working folder."""
     if "" in words:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,23 +43,6 @@ def refuse_contradictions(options: dict[str, Any]) -> None:
         raise click.UsageError(wrong[0])
 
 
-def numbers(count: int | None = None) -> Callable[..., tuple[float, ...] | None]:
-    """A click callback that reads numbers with commas between, `count` of them where that is given."""
-
-    def read(_: click.Context, __: click.Parameter, text: str | None) -> tuple[float, ...] | None:
-        if text is None:
-            return None
-        try:
-            values = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.1,0.3,0.8") from None
-        if count is not None and len(values) != count:
-            raise click.BadParameter(f"{text!r} has {len(values)} numbers, not {count}")
-        return values
-
-    return read
-
-
 def make_plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design.plan import check_plan, plan
@@ -91,19 +75,15 @@ def make_plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tel
     )
 
 
-def plan_suffix(form: str) -> str:
-    """How the name of a plan's file ends: ``.yaml``, ``.csv``, ``.script`` or ``.ros2.yaml``."""
-    from pumaid.design.robot_programs import PROGRAMS
+def plan_form(form: str) -> tuple[str, Callable[[Plan, Robot], str]]:
+    """How a file of a plan in one of `PLAN_FORMS` ends, and what writes its text.
 
-    return PROGRAMS[form][0] if form in PROGRAMS else f".{form}"
-
-
-def formed(plan: Plan, robot: Robot, form: str) -> str:
-    """A plan as text in one of `PLAN_FORMS`; an arm that the form cannot move is refused (program-other-robot)."""
+    An arm that the form cannot move is refused (program-other-robot).
+    """
     from pumaid.design.robot_programs import PROGRAMS
     from pumaid.io.plan_file import plan_text
 
-    return PROGRAMS[form][1](plan, robot) if form in PROGRAMS else plan_text(plan, robot, format=form)
+    return PROGRAMS.get(form) or (f".{form}", partial(plan_text, format=form))
 
 
 def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
@@ -122,7 +102,7 @@ def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: 
     if as_json:
         document(plan_document(plan, robot))
     elif is_piped:
-        content(formed(plan, robot, form).rstrip("\n") + "\n")
+        content(plan_form(form)[1](plan, robot).rstrip("\n") + "\n")
     else:
         for item in plan_tables(plan, robot):
             table(item)

@@ -115,8 +115,9 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
         if len(entry.hold) != robot.n_joints:
             what = f"{len(entry.hold)} held positions, {robot.name} has {robot.n_joints} joints"
             yield Fault((*path, "hold"), "", what, "is the plan for another robot?")
+            continue
         moving, (unit, scale) = robot.joint(entry.joint), units[entry.joint - 1]
-        places = [("hold", joint, value) for joint, value in zip(robot.joints, entry.hold, strict=False)]
+        places = [("hold", joint, value) for joint, value in zip(robot.joints, entry.hold, strict=True)]
         places = [place for place in places if place[1] != moving]
         if isinstance(entry, RunForm):
             places += [("from", moving, entry.start), ("to", moving, entry.end)]

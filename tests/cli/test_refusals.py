@@ -8,7 +8,7 @@ from command import run
 MODEL = "results/model.json"
 #: What is typed beside a fitted arm -> the slug of the error or a word of the usage message.
 BAD_INPUT = {
-    "effects coulom": "error[unknown-effect]: there is no effect 'coulom'\n  fix: did you mean 'coulomb'?",
+    "effects coulom": "error[unknown-effect]: there is no effect 'coulom'\n  fix: did you mean coulomb?",
     "identify nowhere": "no-such-log",
     "identify logs --recipe nothing.yaml": "recipe-not-found",
     "identify logs --recipe puma560": "column-missing",
@@ -47,7 +47,7 @@ BAD_INPUT = {
     "simulate --truth table1 -o new": "is it the truth of another robot?",
 }
 MISUSE = {
-    "efects": "Did you mean 'effects'?",
+    "efects": "did you mean effects?",
     "effects --jsn": "--jsn",
     "effects a b": "argument",
     "identify": "LOGS",
@@ -57,7 +57,7 @@ MISUSE = {
     "segment logs --json --csv": "standard output",
     "segment logs --min-duration 0": "min-duration",
     "segment logs --speed-tolerance 2": "speed-tolerance",
-    "report --format gif": "png, svg, pdf",
+    "report --format gif": "'png', 'svg', 'pdf'",
     f"export {MODEL} --format c -o -": "Two files",
     f"export {MODEL} --format json -o - --json": "--json",
     f"export {MODEL} --format c --torque-constants 1,2": "ampere",
@@ -79,7 +79,7 @@ MISUSE = {
     "plan --for spring@1 --payload 1,0,0,0": "bare arm",
     "plan --for spring@1 --logs logs --minutes 5": "adds runs",
     "plan --for spring@1 --logs logs --against stribeck --size 1": "--size",
-    "plan --payload a,b,c,d": "list of numbers",
+    "plan --payload a,b,c,d": "valid float",
     "plan --payload 10": "not 4",
     "plan --speeds fast": "speeds",
     "plan --format gcode": "urscript",

@@ -55,8 +55,7 @@ def command(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
             step(len(steps), done["command"])
             if not as_json:
                 say(f"$ {done['command']}\n{done['told']}")
-    secret = hidden(folder)
-    outcome, sentence = verdict(secret, findings(folder))
+    secret, outcome, sentence = judged(folder)
     if not as_json:
         say(f"What was hidden: {secret}. {sentence}")
     answer = heading("demo") | {"folder": str(folder), "seed": seed, "steps": steps}
@@ -112,20 +111,15 @@ def run(*words: str) -> dict[str, Any]:
     return {"command": line, "told": printed, "seconds": time.monotonic() - start}
 
 
-def hidden(folder: Path) -> str:
-    """What a demo's robot hides, such as ``stribeck@3``."""
+def judged(folder: Path) -> tuple[str, str, str]:
+    """What a demo's robot hides, such as ``stribeck@3``, and the `verdict` on what diagnosis found, added or not."""
+    from pumaid.diagnosis.records import ADD, read_diagnosis
     from pumaid.io.write import read_truth
 
     (secret,) = read_truth(folder / "logs" / "truth.json")["hidden"]
-    return f"{secret['effect']}@{secret['joint']}"
-
-
-def findings(folder: Path) -> tuple[Finding, ...]:
-    """What diagnosis found in a demo, whether it was added or not."""
-    from pumaid.diagnosis.records import ADD, read_diagnosis
-
-    diagnosis = read_diagnosis(folder / "results" / "diagnosis.json")
-    return (*diagnosis.applied, *(finding for finding in diagnosis.findings if finding.verdict == ADD))
+    name, diagnosis = f"{secret['effect']}@{secret['joint']}", read_diagnosis(folder / "results" / "diagnosis.json")
+    new = [finding for finding in diagnosis.findings if finding.verdict == ADD]
+    return name, *verdict(name, (*diagnosis.applied, *new))
 
 
 def verdict(secret: str, named: tuple[Finding, ...]) -> tuple[str, str]:
@@ -133,17 +127,13 @@ def verdict(secret: str, named: tuple[Finding, ...]) -> tuple[str, str]:
 
     The word is ``named``, ``in the set``, ``wrong`` or ``missed``; the sentence says the same for people.
     """
-
-    def place(effect: str, joint: int | None) -> str:
-        return effect if joint is None else f"{effect}@{joint}"
-
-    names = [place(finding.effect, finding.joint) for finding in named]
+    names = [finding.effect if finding.joint is None else f"{finding.effect}@{finding.joint}" for finding in named]
+    false = ", ".join(name for name in names if name != secret)
+    rivals = {f"{rival}@{item.joint}": name for item, name in zip(named, names, strict=True) for rival in item.rivals}
     if secret in names:
-        false = ", ".join(name for name in names if name != secret)
         return "named", f"Right: diagnosis named {secret}{f'; but it named {false} as well' if false else ''}."
-    for name, finding in zip(names, named, strict=True):
-        if secret in [place(rival, finding.joint) for rival in finding.rivals]:
-            return "in the set", f"In the set: these data do not separate {name} from {secret}."
+    if secret in rivals:
+        return "in the set", f"In the set: these data do not separate {rivals[secret]} from {secret}."
     if names:
-        return "wrong", f"Wrong: it is {secret}, and diagnosis named {', '.join(names)}."
+        return "wrong", f"Wrong: it is {secret}, and diagnosis named {false}."
     return "missed", f"Missed: {secret} was hidden, and diagnosis named nothing."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import rich_click as click
@@ -60,9 +61,8 @@ def _self_check() -> tuple[bool, str]:
                 step(0.0, done["command"])
         except ResultError as error:
             return False, error.what
-        secret = demo.hidden(folder)
-        is_found = demo.verdict(secret, demo.findings(folder))[0] == "named"
-    return is_found, f"the hidden {secret} is {'found' if is_found else 'not found'}"
+        secret, outcome, _ = demo.judged(folder)
+    return outcome == "named", f"the hidden {secret} is {'found' if outcome == 'named' else 'not found'}"
 
 
 def _facts(recipe: Path | None) -> dict[str, object]:
@@ -75,18 +75,16 @@ def _facts(recipe: Path | None) -> dict[str, object]:
     from pumaid.experiment import Experiment
     from pumaid.io.recipe import shipped_recipes
 
-    def installed(name: str) -> str:
-        try:
-            return version(name)
-        except PackageNotFoundError:
-            return "-"
-
+    installed = dict.fromkeys((*LIBRARIES, *EXTRAS), "-")
+    for name in installed:
+        with suppress(PackageNotFoundError):
+            installed[name] = version(name)
     facts: dict[str, object] = {
         "pumaid": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "libraries": {name: installed(name) for name in LIBRARIES},
-        "extras": {name: installed(name) for name in EXTRAS},
+        "libraries": {name: installed[name] for name in LIBRARIES},
+        "extras": {name: installed[name] for name in EXTRAS},
         "effects": list(catalogue()),
         "recipes": list(shipped_recipes()),
         "processors": os.cpu_count(),

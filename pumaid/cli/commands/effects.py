@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Any
 
 import rich_click as click
@@ -28,15 +27,13 @@ def command(name: str | None, as_json: bool) -> None:
     """
     from pumaid.effect_spec import OWN
     from pumaid.effects import catalogue
-    from pumaid.errors import ModelError
+    from pumaid.errors import ModelError, meant
     from pumaid.reporting.effects import facts, signature, sketch
     from pumaid.results.documents import heading
 
     effects = catalogue()
     if name is not None and name not in effects:
-        near = difflib.get_close_matches(name, effects, n=1)
-        mend = f"did you mean '{near[0]}'?" if near else f"effects are {', '.join(effects)}; {OWN}"
-        raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=mend)
+        raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=f"{meant(name, list(effects))}; {OWN}")
     chosen = [facts(effect) for effect in (effects.values() if name is None else [effects[name]])]
     if as_json:
         document(heading("effects") | {"effects": chosen})

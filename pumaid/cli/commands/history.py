@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import rich_click as click
 
 from pumaid.cli import options
 from pumaid.cli.output import document, notes, remark, tables, write_picture
-
-if TYPE_CHECKING:
-    from pumaid.errors import Note
-    from pumaid.results.history import History
 
 
 @click.command()
@@ -48,7 +43,7 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     if restore is not None:
         remark(f"model {restore} is the current one again: {restore_model(place, restore)}")
     history = read_history(place)
-    notes((*history.notes, *_unknown(history)))
+    notes(history.notes)
     if picture is not None:
         write_picture(picture, history_figure(history.ladders[0]))
     if as_json:
@@ -56,17 +51,3 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     else:
         first, *incomparable = history.ladders
         tables(history_table(first), history_joint_table(first), *map(history_table, incomparable))
-
-
-def _unknown(history: History) -> list[Note]:
-    """A note where other commands will not take the current model; what was kept is told, and undone, all the same."""
-    from pumaid.effect_spec import check_known
-    from pumaid.errors import ModelError, Note
-
-    current = [rung for ladder in history.ladders for rung in ladder.rungs if rung.is_current]
-    for rung in current:
-        try:
-            check_known(rung.effects)
-        except ModelError as error:
-            return [Note(error.slug, f"{error.what}; {error.mend}", error.where)]
-    return []

@@ -9,6 +9,7 @@ import rich_click as click
 
 from pumaid.cli import options
 from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
+from pumaid.errors import listed, meant
 
 if TYPE_CHECKING:
     from pumaid.io.urdf import UrdfRecipe
@@ -19,7 +20,7 @@ _COUNT = click.IntRange(1, 50)
 
 @click.command()
 @click.argument("name", required=False)
-@click.option("--list", "listed", is_flag=True, help="List the robots that pumaid knows.")
+@click.option("--list", "is_list", is_flag=True, help="List the robots that pumaid knows.")
 @click.option("--joints", type=_COUNT, metavar="N", help="Number of joints of a blank recipe.  [default: 6]")
 @click.option(
     "--urdf", type=options.FILE_OR_PIPE, metavar="FILE", help="Take the joints of this URDF as they are placed."
@@ -33,7 +34,7 @@ _COUNT = click.IntRange(1, 50)
 @options.json_option
 def command(
     name: str | None,
-    listed: bool,
+    is_list: bool,
     joints: int | None,
     urdf: Path | None,
     base: str | None,
@@ -58,19 +59,19 @@ def command(
     from pumaid.io.write import refuse_to_replace, write_file
     from pumaid.reporting.run_tables import axes_table
 
-    if listed:
+    if is_list:
         _list(as_json)
         return
     target = Path("recipe.yaml") if output is None else output
     spare_inputs([target, target / "recipe.yaml"], [urdf])
     facts: dict[str, Any] = {"kind": "recipe", "format": 1}
+    if any(value is not None for value in ((base, tip) if urdf is None else (name, joints))):
+        raise click.UsageError(
+            "NAME and --joints go without --urdf FILE, --base and --tip with it: these are two recipes."
+        )
     if urdf is None:
-        if base is not None or tip is not None:
-            raise click.UsageError("--base and --tip are links of a URDF: name it with --urdf FILE.")
         text = _text(name, joints)
     else:
-        if name is not None or joints is not None:
-            raise click.UsageError(f"{name or '--joints'} and --urdf are two recipes: give one of them.")
         made = recipe_from_urdf(urdf, base=base, tip=tip)
         text = made.text
         facts["urdf"] = _facts(made)
@@ -112,20 +113,18 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
 
 
 def _text(name: str | None, joints: int | None) -> str:
-    from pumaid.errors import nearest
     from pumaid.io.recipe import blank, shipped_recipes, started_from
 
     names = [*shipped_recipes(), "blank"]
-    if name is None:
-        raise click.UsageError(f"Which robot? One of: {', '.join(names)}; or --urdf FILE.")
     if name not in names:
-        near = nearest(name, names)
-        raise click.UsageError(f"No robot '{name}'. " + (f"Did you mean '{near}'?" if near else f"{', '.join(names)}."))
-    if name == "blank":
-        return blank(joints or 6)
-    if joints is not None:
+        raise click.UsageError(
+            f"There is no robot {name}: {meant(name, names)}"
+            if name
+            else f"Which one? {listed(names)}; or --urdf FILE."
+        )
+    if name != "blank" and joints is not None:
         raise click.UsageError(f"--joints is for a blank recipe; {name} has its own.")
-    return started_from(name)
+    return blank(joints or 6) if name == "blank" else started_from(name)
 
 
 def _list(as_json: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,8 @@ from pumaid.cli.planning import (
     ATTENTION,
     PLAN_FORMS,
     draw_plan,
-    formed,
     make_plan,
-    numbers,
-    plan_suffix,
+    plan_form,
     print_plan,
     refuse_contradictions,
 )
@@ -27,11 +26,21 @@ _FORMS = click.Choice(PLAN_FORMS)
 @click.command()
 @click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
 @click.option("--minutes", type=float, metavar="M", help="Robot time, moves included.")
-@click.option("--speeds", callback=numbers(), metavar="S,S,S", help="Shares of each joint's top speed, 3 or more.")
+@click.option(
+    "--speeds",
+    callback=options.separated(click.FLOAT),
+    metavar="S,S,S",
+    help="Shares of each joint's top speed, 3 or more.",
+)
 @click.option("--postures", type=int, metavar="N", help="Postures a joint, at least. [default: 4]")
 @click.option("--replicates", type=int, metavar="N", help="Passes over the arm. [default: 2 or more]")
 @click.option("--prior", type=options.FILE, metavar="MODEL", help="Plan for the arm that this model describes.")
-@click.option("--payload", callback=numbers(4), metavar="KG,X,Y,Z", help="The last link carries KG at X,Y,Z (m).")
+@click.option(
+    "--payload",
+    callback=options.separated(click.FLOAT, 4),
+    metavar="KG,X,Y,Z",
+    help="The last link carries KG at X,Y,Z (m).",
+)
 @click.option("--for", metavar="EFFECT", help="Runs that show EFFECT[@JOINT].")
 @click.option("--against", metavar="EFFECT", help="With --for: runs that tell it from this.")
 @click.option("--size", type=float, metavar="A", help="With --for: its first parameter, SI.")
@@ -74,13 +83,12 @@ def command(
     given = asked["check"]
     if given is not None and recipe is None:
         recipe = Experiment((str(given),)).recipe_path  # a plan lies beside its recipe
-    experiment = Experiment(asked["logs"], recipe)
-    robot = Experiment(recipe=recipe).robot
-    path = output
+    experiment = Experiment(recipe=recipe)
+    robot, path, (suffix, text_of) = experiment.robot, output, plan_form(form)
     if given is None:
-        formed(Plan(robot.name, ()), robot, form)  # an arm that the form cannot move is refused before the work
-        path = output or (Experiment(recipe=recipe).folder / PLAN_NAME).with_suffix(plan_suffix(form))
-    read = experiment.files(asked["prior"], given)
+        text_of(Plan(robot.name, ()), robot)  # an arm that the form cannot move is refused before the work
+        path = output or (experiment.folder / PLAN_NAME).with_suffix(suffix)
+    read = replace(experiment, logs=asked["logs"]).files(asked["prior"], given)
     spare_inputs([path, picture], [file for file in read if file.name != PLAN_NAME or file == given])
     if path is not None and not force:
         refuse_to_replace(path)
@@ -88,7 +96,7 @@ def command(
         plan = make_plan(robot, recipe, options=asked, tell=lambda text: step(0.0, text))
     is_piped = str(path) == "-"
     if path is not None and not is_piped:
-        write_file(path, formed(plan, robot, form))
+        write_file(path, text_of(plan, robot))
         remark(f"plan written to {path}")
     if picture is not None:
         draw_plan(picture, plan, robot)

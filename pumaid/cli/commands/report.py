@@ -18,16 +18,7 @@ if TYPE_CHECKING:
 
 _TABLES = click.Choice(["text", "csv", "parquet", "latex", "markdown", "json"])
 _TABLE_HELP = f"Only the parameter table: {', '.join(_TABLES.choices)}."
-FIGURES = ("png", "svg", "pdf")
-
-
-def _forms(context: click.Context, option: click.Parameter, text: str) -> list[str]:
-    """``png,svg`` as a list."""
-    forms = [word.strip().lower() for word in text.split(",") if word.strip()]
-    wrong = [word for word in forms if word not in FIGURES]
-    if wrong:
-        raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(FIGURES)}", context, option)
-    return list(dict.fromkeys(forms))
+FIGURES = click.Choice(["png", "svg", "pdf"], case_sensitive=False)
 
 
 @click.command()
@@ -37,7 +28,9 @@ def _forms(context: click.Context, option: click.Parameter, text: str) -> list[s
 @options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
 @click.option("--table", "form", type=_TABLES, metavar="FORM", help=_TABLE_HELP)
 @click.option("--figures", type=options.FILE, metavar="FOLDER", help="Figures; default results/figures.")
-@click.option("--format", "forms", default="png,svg,pdf", callback=_forms, help="Of figures; or ''.")
+@click.option(
+    "--format", "forms", default="png,svg,pdf", callback=options.separated(FIGURES), help="Of figures; or ''."
+)
 @options.units_option
 @options.experiment_options()
 @options.json_option
@@ -48,7 +41,7 @@ def command(
     output: Path | None,
     form: str | None,
     figures: Path | None,
-    forms: list[str],
+    forms: tuple[str, ...],
     units: str,
     as_json: bool,
 ) -> None:
