@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -28,9 +28,22 @@ _TAGS = ("map", "seq", "str", "int", "float", "bool", "null", "timestamp", "merg
 
 KeyPath = tuple[str | int, ...]
 Form = TypeVar("Form", bound=BaseModel)
-#: Unknown keys are faults, and types are not converted.
-FORM = ConfigDict(extra="forbid", strict=True)
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class StrictForm(BaseModel):
+    """What a mapping may hold: unknown keys are faults, and types are not converted."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_out_empty(cls, data: Any) -> Any:
+        """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
+        if not isinstance(data, dict):
+            return data
+        nullable = ("velocity", "temperature")
+        return {k: v for k, v in data.items() if v is not None or k not in cls.model_fields or k in nullable}
 
 
 class Fault(NamedTuple):

@@ -10,16 +10,16 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from pumaid import __version__
 from pumaid.errors import ModelError, Note, Where, listed
 from pumaid.io.forms import (
-    FORM,
     Document,
     Fault,
     Finite,
     KeyPath,
+    StrictForm,
     file_name,
     parsed_yaml,
     read_bytes,
@@ -42,11 +42,7 @@ _DIGITS = 10
 _ROUNDING = 1e-8
 
 
-class _PlanForm(BaseModel):
-    model_config = FORM
-
-
-class HoldForm(_PlanForm):
+class HoldForm(StrictForm):
     """The joint that moves, and where all are held."""
 
     joint: int
@@ -71,13 +67,13 @@ class RunForm(HoldForm):
     purpose: Literal["fit", "heldout"] = "fit"
 
 
-class PlanUnits(_PlanForm):
+class PlanUnits(StrictForm):
     """The block `units`."""
 
     angle: Literal["rad", "deg"] = "rad"
 
 
-class PlanForm(_PlanForm):
+class PlanForm(StrictForm):
     """The whole file; only kind, format and runs are needed, and what the runs promise is not read back."""
 
     kind: Literal["plan"] = Field(examples=["plan"])

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from pumaid.errors import meant
-from pumaid.io.forms import FORM, Fault, Finite, refusal
+from pumaid.io.forms import Fault, Finite, StrictForm, refusal
 from pumaid.units import UNITS, factor
 
 #: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
@@ -263,20 +263,7 @@ Apart = Annotated[
 ]
 
 
-class _StrictForm(BaseModel):
-    model_config = FORM
-
-    @model_validator(mode="before")
-    @classmethod
-    def _leave_out_empty(cls, data: Any) -> Any:
-        """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
-        if not isinstance(data, dict):
-            return data
-        nullable = ("velocity", "temperature")
-        return {k: v for k, v in data.items() if v is not None or k not in cls.model_fields or k in nullable}
-
-
-class PlacementForm(_StrictForm):
+class PlacementForm(StrictForm):
     """The block `placement` of a joint: `origin` and `axis` of a URDF."""
 
     xyz: Triple = _like("[x, y, z]   (m, not mm, in the frame before)")
@@ -284,7 +271,7 @@ class PlacementForm(_StrictForm):
     axis: Direction = _like("[0, 0, 1]", default=(0, 0, 1))
 
 
-class JointForm(_StrictForm):
+class JointForm(StrictForm):
     """One entry of `joints`."""
 
     type: Literal["revolute", "prismatic"] = _like("revolute   (or prismatic)")
@@ -299,13 +286,13 @@ class JointForm(_StrictForm):
     gear_ratio: GearRatio | None = None
 
 
-class FileUnits(_StrictForm):
+class FileUnits(StrictForm):
     """The block `units`."""
 
     angle: Literal["rad", "deg"] = "rad"
 
 
-class LogUnits(_StrictForm):
+class LogUnits(StrictForm):
     """The block `log.units`."""
 
     time: Unit = "s"
@@ -317,14 +304,14 @@ class LogUnits(_StrictForm):
     temperature: Unit = "degC"
 
 
-class LogSigns(_StrictForm):
+class LogSigns(StrictForm):
     """The block `log.signs`."""
 
     position: Signs | None = None
     current: Signs | None = None
 
 
-class LogForm(_StrictForm):
+class LogForm(StrictForm):
     """The block `log`."""
 
     time: Template = "t"
@@ -336,7 +323,7 @@ class LogForm(_StrictForm):
     signs: LogSigns = _like("{position: [1, -1, ...]}", default=LogSigns())
 
 
-class EffectForm(_StrictForm):
+class EffectForm(StrictForm):
     """One entry of `effects`."""
 
     effect: Annotated[Words, AfterValidator(_effect_name)] = _like("a name that pumaid effects lists")
@@ -344,7 +331,7 @@ class EffectForm(_StrictForm):
     shape: dict[str, Finite] = _like("{velocity: 0.1}", default={})
 
 
-class BoxForm(_StrictForm):
+class BoxForm(StrictForm):
     """One entry of `safety.boxes`."""
 
     name: Words | None = None
@@ -352,7 +339,7 @@ class BoxForm(_StrictForm):
     max: Triple = _like("[x, y, z]   (the highest corner, m, not mm, in base axes)")
 
 
-class SphereForm(_StrictForm):
+class SphereForm(StrictForm):
     """One entry of `safety.spheres`."""
 
     link: Link = _like("the link that carries the sphere; 0 is the base")
@@ -360,7 +347,7 @@ class SphereForm(_StrictForm):
     radius: Annotated[Finite, Field(gt=0, le=LONGEST_LINK)] = _like(_METRES)
 
 
-class SafetyForm(_StrictForm):
+class SafetyForm(StrictForm):
     """The block `safety`."""
 
     tool: Triple | None = _like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
@@ -370,7 +357,7 @@ class SafetyForm(_StrictForm):
     ignore: list[Apart] = _like("[[4, 6]], pairs of links", default=[])
 
 
-class RecipeForm(_StrictForm):
+class RecipeForm(StrictForm):
     """The whole file."""
 
     name: Words = _like("a name, such as my arm")
