@@ -52,7 +52,7 @@ class HoldForm(StrictForm):
 class PostureForm(HoldForm):
     """One entry of `postures`."""
 
-    serves: list[str] = []
+    serves: list[str] = Field([])
     why: str = ""
 
 
@@ -81,7 +81,7 @@ class PlanForm(StrictForm):
     runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
     robot: str = ""
     units: PlanUnits = PlanUnits()
-    postures: list[PostureForm] = []
+    postures: list[PostureForm] = Field([])
     duration: Finite = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
     expected_std_errors: Any = None

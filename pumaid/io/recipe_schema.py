@@ -369,7 +369,7 @@ class RecipeForm(StrictForm):
     log: LogForm = _like("its keys below it, indented", default=LogForm())
     effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
     safety: SafetyForm = _like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
-    coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = {}
+    coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = Field({})
     source: Any = ""
     notes: Any = ""
     licence: Any = ""
