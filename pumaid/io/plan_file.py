@@ -106,11 +106,11 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
     for path, entry in entries:
         if not 1 <= entry.joint <= robot.n_joints:
             mend = f"joints count from 1 to {robot.n_joints}"
-            yield Fault((*path, "joint"), "", f"there is no joint {entry.joint}", mend)
+            yield Fault((*path, "joint"), "plan-wrong", f"there is no joint {entry.joint}", mend)
             continue
         if len(entry.hold) != robot.n_joints:
             what = f"{len(entry.hold)} held positions, {robot.name} has {robot.n_joints} joints"
-            yield Fault((*path, "hold"), "", what, "is the plan for another robot?")
+            yield Fault((*path, "hold"), "plan-wrong", what, "is the plan for another robot?")
             continue
         moving, (unit, scale) = robot.joint(entry.joint), units[entry.joint - 1]
         places = [("hold", joint, value) for joint, value in zip(robot.joints, entry.hold, strict=True)]
@@ -119,18 +119,18 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
             places += [("from", moving, entry.start), ("to", moving, entry.end)]
             if entry.start == entry.end:
                 what = f"the run goes from {entry.start:g} to the same place"
-                yield Fault((*path, "to"), "", what, "give the span another end")
+                yield Fault((*path, "to"), "plan-wrong", what, "give the span another end")
             if entry.velocity * scale > (1.0 + 1e-6) * (moving.max_velocity or math.inf):
                 highest = number((moving.max_velocity or math.inf) / scale)
                 what = f"joint {moving.number} may do {highest} {unit}/s, the run wants {entry.velocity:g}"
-                yield Fault((*path, "velocity"), "", what, "lower the velocity")
+                yield Fault((*path, "velocity"), "plan-wrong", what, "lower the velocity")
         for key, joint, value in places:
             unit, scale = units[joint.number - 1]
             low, high = (limit / scale for limit in joint.limits or (-math.inf, math.inf))
             slack = _ROUNDING * (high - low) if joint.limits else 0.0
             if not low - slack <= value <= high + slack:
                 what = f"{value:g} {unit} is outside joint {joint.number}'s limits {number(low)}..{number(high)} {unit}"
-                yield Fault((*path, key), "", what, "stay inside the limits, or correct them in the recipe")
+                yield Fault((*path, key), "plan-wrong", what, "stay inside the limits, or correct them in the recipe")
 
 
 def find_plan(folders: Iterable[Path]) -> Path | None:
