@@ -231,27 +231,15 @@ def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = 
     """
     choices = expanded(robot.effects, robot)
     for text in remove:
-        choices = _without(choices, text, robot)
+        named, before = read_choice(text, robot, "--remove"), choices
+        choices = tuple(c for c in before if c.effect != named.effect or named.joint not in (None, c.joint))
+        if text.strip() == ALL:
+            choices = ()
+        elif len(choices) == len(before):
+            there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices) or "none"
+            what, where = f"the model would not have {text} anyway", Where(field=f"--remove {text}")
+            raise ModelError("effect-not-there", what, where, f"the recipe switches on: {there}")
     return expanded([*choices, *(parse_effect(text, robot) for text in add)], robot)
-
-
-def _without(choices: Sequence[EffectChoice], text: str, robot: Robot) -> tuple[EffectChoice, ...]:
-    """The choices that `text` does not name."""
-    if text.strip() == ALL:
-        return ()
-    named = parse_effect(text, robot, option="--remove")
-    rest = tuple(
-        choice
-        for choice in choices
-        if choice.effect != named.effect
-        or named.joint not in (None, choice.joint)
-        or (named.shape and dict(named.shape) != dict(choice.shape))
-    )
-    if len(rest) == len(choices):
-        there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices) or "none"
-        what, where = f"the model would not have {text} anyway", Where(field=f"--remove {text}")
-        raise ModelError("effect-not-there", what, where, f"the recipe switches on: {there}")
-    return rest
 
 
 def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:

@@ -308,13 +308,13 @@ class Planner:
                 growth = np.median(errors / before, axis=0)[: len(self.names)].tolist()
                 rises = [(-round(rise, 6), name) for name, rise in zip(self.names, growth, strict=True)]
                 rises = [(rise, name) for rise, name in sorted(rises)[:_NAMED] if -rise >= _SERVES]
-                parts = [f"{name} {-rise:.2g} times as large" for rise, name in rises if -rise < _LOST]
-                parts = [f"{name} without end" for rise, name in rises if -rise >= _LOST] + parts
-                why = f"without it the error of {', '.join(parts)}"
-                if not parts:
-                    why = "adds a load that differs from that of the other postures"
+                sizes = (f"{-rise:.2g} times as large" if -rise < _LOST else "without end" for rise, _ in rises)
+                parts = [f"{name} {size}" for (_, name), size in zip(rises, sizes, strict=True)]
+                why = "adds a load that differs from that of the other postures"
                 if not carries:
                     why = f"{label} carries no weight that can be told from friction: its runs are for friction"
+                elif parts:
+                    why = f"without it the error of {', '.join(parts)}"
                 hold = candidates.blocks[int(np.argmax(is_here))].hold
                 out.append(Posture(joint.number, hold, tuple(name for _, name in rises), why))
             why = f"{label} is judged here, at speeds that no fit uses"

@@ -290,11 +290,9 @@ class JointPrediction:
         samples, square = float(self.samples[chosen].sum()), float(self.square[chosen].sum())
         current = float(self.current_square[chosen].sum())
         totals = [float(bins.sums(bins.count * values)[chosen].sum()) for values in (self.residual, bins.current)]
-        shares: dict[str, float] = {}
-        if current > NOTHING**2 * samples:
-            each_share = self.products[chosen].sum(axis=0) / current
-            shares = together(dict(zip(self.effects, each_share.tolist(), strict=True)), self.groups())
-        shares = {name: share for name, share in shares.items() if share != 0.0}
+        parts = self.products[chosen].sum(axis=0) / max(current, NOTHING**2 * samples)
+        shares = together(dict(zip(self.effects, parts.tolist(), strict=True)), self.groups())
+        shares = {name: share for name, share in shares.items() if share != 0.0 and current > NOTHING**2 * samples}
         floor, why = self.noise_floor()
         return JointScore(
             joint=bins.joint,

@@ -136,7 +136,11 @@ class JointCoverage:
     def of(cls, joint: int, runs: Sequence[Run]) -> JointCoverage:
         """Of the runs in which `joint` (from 1) moves."""
         moving = [run for run in runs if run.joint == joint]
-        speeds = {sign: tuple(sorted(filter(None, (_speed(run, sign) for run in moving)))) for sign in (1, -1)}
+        speeds = {}
+        for sign in (1, -1):  # in a block the highest counts
+            of_blocks = [float(np.max(sign * run.bins.velocity)) for run in moving if run.kind == BLOCK]
+            of_runs = [abs(run.speed) for run in moving if run.kind != BLOCK and run.direction == sign]
+            speeds[sign] = tuple(sorted(speed for speed in (*of_blocks, *of_runs) if speed > 0.0))
         held = np.array([run.posture[joint:] for run in moving])
         postures = posture_groups(held, SAME_POSTURE)
         # In a block the joints outward move, too.
@@ -147,13 +151,6 @@ class JointCoverage:
         """Whether all runs in direction `sign` have practically one speed."""
         speeds = self.speeds[sign]
         return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
-
-
-def _speed(run: Run, sign: int) -> float:
-    """Speed of a run in direction `sign`, in a block the highest; 0 where there is none."""
-    if run.kind == BLOCK:
-        return max(float(np.max(sign * run.bins.velocity)), 0.0)
-    return abs(run.speed) if run.direction == sign else 0.0
 
 
 def listed(names: Sequence[str]) -> str:

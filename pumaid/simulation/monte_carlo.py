@@ -38,7 +38,13 @@ class Bench:
         self._currents: list[Floats] = []
         movements = [movement for movement in trapezoids(truth.robot, plan) if movement.motion is not None]
         for movement, start in zip(movements, starts.tolist(), strict=True):
-            local = self._instants(movement)
+            first, last = movement.cruise
+            local = np.arange(np.ceil(first * rate), np.floor(last * rate) + 1) / rate
+            if len(local) < _FEWEST:
+                joint = movement.motion.joint if movement.motion else None
+                what = f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {rate:g} Hz)"
+                mend = "widen its span, lower its velocity or raise the rate"
+                raise ModelError("run-too-short", what, Where(joint=joint), mend)
             edges = np.linspace(0, len(local), max(1, min(bins, len(local) // 2)) + 1).astype(np.int64)
             run = constant_run(movement, local, np.diff(edges), start=start, first_row=self.samples + 2)
             if truth.hides("thermal_friction"):
@@ -65,17 +71,6 @@ class Bench:
             out.append(replace(run, bins=replace(run.bins, current=mean, variance=np.maximum(square - mean**2, 0.0))))
             first += run.samples
         return tuple(out)
-
-    def _instants(self, movement: Trapezoid) -> Floats:
-        """(N,) s from the start of a run at which it is sampled while it keeps its speed."""
-        first, last = movement.cruise
-        local = np.arange(np.ceil(first * self.rate), np.floor(last * self.rate) + 1) / self.rate
-        if len(local) < _FEWEST:
-            joint = movement.motion.joint if movement.motion else None
-            what = f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {self.rate:g} Hz)"
-            mend = "widen its span, lower its velocity or raise the rate"
-            raise ModelError("run-too-short", what, Where(joint=joint), mend)
-        return np.asarray(local)
 
     def _current(self, movement: Trapezoid, local: Floats, *, start: float) -> Floats:
         """(N,) A without noise."""

@@ -198,25 +198,21 @@ class RigidArm:
         v = self.shaft_velocity
         dry = self._coulomb * self._grip(v)
         if self._acting:
-            self._set_state(v)
+            state, rests = self.state, np.abs(v) < STILL
+            state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, v), self.load
+            self._departure[rests] = state.position[rests]
+            state.travel = np.abs(state.position - self._departure)
+            if self._needs_friction:
+                state.friction = self.truth.friction.currents(state.velocity)
+            if self._needs_across:
+                arm = replace(self.truth.robot, gravity=self.truth.gravity())
+                state.across = side_load(arm, self.truth.links, self._position[None])[0] * np.abs(self._gain)
             dry = dry + self._hidden(Kind.FRICTION)
         self._dry[:] = np.maximum(dry / np.abs(self._gain), 0.0)
         self._begin(self.model, self.data)
         if self._acting:
             self.state.load = self.load
             self._extra = self._hidden(Kind.LOAD)
-
-    def _set_state(self, velocity: Floats) -> None:
-        state = self.state
-        rests = np.abs(velocity) < STILL
-        state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, velocity), self.load
-        self._departure[rests] = state.position[rests]
-        state.travel = np.abs(state.position - self._departure)
-        if self._needs_friction:
-            state.friction = self.truth.friction.currents(state.velocity)
-        if self._needs_across:
-            arm = replace(self.truth.robot, gravity=self.truth.gravity())
-            state.across = side_load(arm, self.truth.links, self._position[None])[0] * np.abs(self._gain)
 
     def _hidden(self, kind: Kind) -> Floats:
         """(J,) A of hidden friction (its size) or of hidden loads."""
