@@ -12,6 +12,8 @@ from pumaid.maths import Counts, Flags, Floats
 _RIDGE = 1e-9
 #: Scores within this share of the best are equal, so that rounding does not decide between two candidates.
 EQUAL = 1e-6
+#: How often a candidate is taken at most.
+_OFTEN = 4
 #: Candidates that are evaluated exactly where slopes have ranked them.
 _EVALUATED = 12
 #: Least fall of the value that an exchange must bring, rounds at most, and removals tried a round.
@@ -102,46 +104,32 @@ def continuous_design(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PlanObjective:
-    """The criterion of sets of candidate runs."""
-
-    candidates: CandidateInformation
-    criterion: Criterion
-
-    def value(self, counts: Counts) -> float:
-        """Of the criterion."""
-        return float(self.criterion.value(self.candidates.information(counts)))
-
-    def falls(self, counts: Counts) -> Floats:
-        """(C,) about how much the criterion falls by one more of each candidate."""
-        return 0.5 * self.candidates.products(self.criterion.slope(self.candidates.information(counts)))
-
-    def values_with(self, counts: Counts, candidates: Counts) -> Floats:
-        """(N,) criterion with one more of each of N candidates."""
-        return self.criterion.value(self.candidates.information(counts) + self.candidates.each(candidates))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Exchange:
-    """Greedy choice and exchange of candidates under a budget.
+    """Greedy choice and exchange of C candidate runs under a budget (s).
 
     Source
     ------
     V. V. Fedorov, Theory of Optimal Experiments, ch. 3 (exchange algorithm).
     """
 
-    objective: PlanObjective
-    seconds: Floats  # (C,) cost of each candidate
-    block: Counts  # (C,) block of each candidate, from 0
-    opening: Floats  # (C,) cost of the first candidate of its block
-    budget: float  # sum of all costs at most
-    limit: int = 2  # how often a candidate is taken at most
+    candidates: CandidateInformation
+    criterion: Criterion
+    opening: Floats  # (C,) s of the first candidate of its posture
+    budget: float
+
+    def value(self, counts: Counts) -> float:
+        """The criterion of a set (C,)."""
+        return float(self.criterion.value(self.candidates.information(counts)))
+
+    def falls(self, counts: Counts) -> Floats:
+        """(C,) about how much the criterion falls by one more of each candidate."""
+        return 0.5 * self.candidates.products(self.criterion.slope(self.candidates.information(counts)))
 
     def cost(self, counts: Counts) -> float:
-        """Of a set (C,)."""
+        """s of a set (C,)."""
         used = np.flatnonzero(counts)
-        _, first = np.unique(self.block[used], return_index=True)
-        return float(counts[used] @ self.seconds[used] + self.opening[used[first]].sum())
+        _, first = np.unique(self.candidates.posture[used], return_index=True)
+        return float(counts[used] @ self.candidates.seconds[used] + self.opening[used[first]].sum())
 
     def filled(self, counts: Counts) -> Counts:
         """A set (C,) with candidates added until none fits into the budget."""
@@ -151,18 +139,18 @@ class Exchange:
 
     def exchanged(self, counts: Counts, *, required: Counts, tell: Callable[[float], None] = lambda _: None) -> Counts:
         """A set (C,) after exchanges, while they lower the value; `required` (C,) stay; `tell` gets each new value."""
-        value = self.objective.value(counts)
+        value = self.value(counts)
         for _ in range(_ROUNDS):
             free = np.flatnonzero(counts > required)
-            worth = rounded((self.objective.falls(counts) / self.seconds)[free])
+            worth = rounded((self.falls(counts) / self.candidates.seconds)[free])
             for candidate in free[np.argsort(worth, kind="stable")[:_TRIED]]:  # the least useful for their cost
                 fewer = _changed(counts, candidate, -1)
                 best = self._best_addition(fewer)
                 if best is None or best == candidate:
                     continue
                 trial = self.filled(_changed(fewer, best, 1))
-                if self.objective.value(trial) < value - _ENOUGH:
-                    counts, value = trial, self.objective.value(trial)
+                if self.value(trial) < value - _ENOUGH:
+                    counts, value = trial, self.value(trial)
                     tell(value)
                     break
             else:
@@ -171,15 +159,16 @@ class Exchange:
 
     def _best_addition(self, counts: Counts) -> int | None:
         """The candidate that lowers the value most for its cost, of those that fit; or None."""
-        is_open = np.isin(self.block, self.block[counts > 0])
-        costs = self.seconds + np.where(is_open, 0.0, self.opening)
-        fits = (costs <= self.budget - self.cost(counts)) & (counts < self.limit)
+        is_open = np.isin(self.candidates.posture, self.candidates.posture[counts > 0])
+        costs = self.candidates.seconds + np.where(is_open, 0.0, self.opening)
+        fits = (costs <= self.budget - self.cost(counts)) & (counts < _OFTEN)
         if not fits.any():
             return None
-        rate = np.where(fits, self.objective.falls(counts) / costs, -np.inf)
+        rate = np.where(fits, self.falls(counts) / costs, -np.inf)
         top = np.flatnonzero(fits)
         top = top[np.argsort(-rounded(rate[top]), kind="stable")[:_EVALUATED]]
-        gain = (self.objective.value(counts) - self.objective.values_with(counts, top)) / costs[top]
+        more = self.candidates.information(counts) + self.candidates.each(top)
+        gain = (self.value(counts) - self.criterion.value(more)) / costs[top]
         return int(top[np.argmax(rounded(gain))])
 
 

@@ -1,7 +1,5 @@
 """Fisher information of runs that are not made yet, and the standard errors that it promises (Cramer-Rao bound)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -153,7 +151,7 @@ class CandidateInformation:
         """(L,) trace of slope times information of each candidate, summed over the robots (G, p, p)."""
         return np.asarray(self.squares @ slope.ravel())
 
-    def only(self, candidates: Counts) -> CandidateInformation:
+    def only(self, candidates: Counts) -> "CandidateInformation":
         """These candidates."""
         blocks = tuple(self.blocks[k] for k in candidates.tolist())
         posture, seconds = self.posture[candidates], self.seconds[candidates]
@@ -162,7 +160,7 @@ class CandidateInformation:
 
 def candidate_information(
     truths: Sequence[Truth], blocks: Sequence[Block], *, names: Sequence[str]
-) -> CandidateInformation:
+) -> "CandidateInformation":
     """What candidates tell G prior robots of the gravity parameters and ratios `names`, and of all friction."""
     robot = truths[0].robot
     standing = (0.0,) * robot.n_joints

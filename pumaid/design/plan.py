@@ -1,6 +1,6 @@
 """Plan an experiment, or say what a given plan promises, with what the user should know of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -100,7 +100,7 @@ def check_plan(
     return replace(checked, efficiency=planner.efficiency(checked.expected, checked.duration), notes=notes)
 
 
-def _with_forecast(bare: Plan, planner: Planner, notes: Sequence[Note]) -> Plan:
+def _with_forecast(bare: Plan, planner: Planner, notes: Iterable[Note]) -> Plan:
     """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
     promised, arm = predicted_errors(planner.prior.robots, bare.motions, planner.names), planner.robot
     dark = [name for name in parameter_names(arm, planner.names) if name not in promised]
@@ -132,13 +132,13 @@ def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[s
     refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 
-def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
+def weight_notes(prior: Prior, promised: dict[str, float]) -> Iterator[Note]:
     """How much weight the last link needs off its axis for the last gain ratio to be seen."""
     truth = prior.robots[0]
     n = truth.robot.n_joints
     name = f"gain_ratio.{n - 1}.{n}"
     if name not in promised or not truth.robot.joint(n).is_revolute:
-        return []
+        return
     share, mass = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots]))), 0.5
     what = f"cannot be identified with the weight that this arm has: its predicted error is {number(share, 2)} times"
     text = f"{what} its value."
@@ -151,31 +151,30 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> list[Note]:
             " a bare flange often has less."
         )
     elif share < _WEAK:
-        return []
+        return
     hint = f"A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload {mass:.2g},{_LEVER:g},0,0"
-    return [Note("plan-needs-weight", f"{name} {text} {hint}", Where(joint=n))]
+    yield Note("plan-needs-weight", f"{name} {text} {hint}", Where(joint=n))
 
 
-def tilt_notes(planner: Planner) -> list[Note]:
+def tilt_notes(planner: Planner) -> Iterator[Note]:
     """That a tilted base would show what an upright one hides, where it would."""
     first = next((joint for joint in planner.robot.joints if joint.is_revolute), None)
     hidden = absent_names(planner.structure)
     if first is None or not np.any(planner.robot.gravity) or not any(f".l{first.number}." in name for name in hidden):
-        return []
+        return
     text = (
         f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical. With"
         " the base tilted by some 10 deg they can: plan and identify with a recipe whose gravity says so"
     )
-    return [Note("plan-needs-tilt", text, Where(joint=first.number))]
+    yield Note("plan-needs-tilt", text, Where(joint=first.number))
 
 
-def unusable_notes(robot: Robot, given: Plan) -> list[Note]:
+def unusable_notes(robot: Robot, given: Plan) -> Iterator[Note]:
     """Runs that are too short or too slow to be found in a log; one note a joint."""
     lost: dict[int, list[int]] = {}
     for place, motion in enumerate(given.motions, start=1):
         if abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed:
             lost.setdefault(motion.joint, []).append(place)
-    out = []
     for moving, places in sorted(lost.items()):
         joint = robot.joint(moving)
         unit = joint.position_unit
@@ -184,25 +183,22 @@ def unusable_notes(robot: Robot, given: Plan) -> list[Note]:
             f" over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is"
             f" run {places[0]}. Give it more room (its limits in the recipe) or speed"
         )
-        out.append(Note("plan-unusable", text, Where(joint=moving, field=f"runs[{places[0]}]")))
-    return out
+        yield Note("plan-unusable", text, Where(joint=moving, field=f"runs[{places[0]}]"))
 
 
-def collision_notes(robot: Robot, given: Plan) -> list[Note]:
+def collision_notes(robot: Robot, given: Plan) -> Iterator[Note]:
     """Runs, and moves between them, that strike something."""
-    collision, out = Collision(robot), list[Note]()
+    collision = Collision(robot)
     for step in trapezoids(robot, given):
         if (hit := collision.first_hit(step.start, step.end)) is not None:
             way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
             joint = None if step.motion is None else step.motion.joint
             text = f"{way} {step.number}: {hit}"
-            out.append(Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]")))
-    return out
+            yield Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]"))
 
 
-def lack_notes(robot: Robot, given: Plan) -> list[Note]:
+def lack_notes(robot: Robot, given: Plan) -> Iterator[Note]:
     """What diagnosis would miss: postures, speeds, replicates, runs for judging."""
-    out = []
     for joint in robot.joints:
         runs = [motion for motion in given.motions if motion.joint == joint.number]
         fitted = [
@@ -220,15 +216,14 @@ def lack_notes(robot: Robot, given: Plan) -> list[Note]:
         faults = [text for text, is_lacking in lacks if is_lacking] if runs else ["it never runs"]
         if faults:
             text = f"joint {joint.number} ({joint.name}): {'; '.join(faults)}"
-            out.append(Note("plan-lacks", text, Where(joint=joint.number)))
-    return out
+            yield Note("plan-lacks", text, Where(joint=joint.number))
 
 
-def conditions(robot: Robot) -> list[str]:
+def conditions(robot: Robot) -> Iterator[str]:
     """What a forecast takes for granted of limits, speeds and surroundings."""
-    out = [f"{RATE:g} samples a second; ramps reach the highest speed in 0.4 s."]
+    yield f"{RATE:g} samples a second; ramps reach the highest speed in 0.4 s."
     if robot.safety is None:
-        out.append(
+        yield (
             "The recipe states no boxes and no spheres (block safety): collisions are not checked. Look at each posture"
             " before it is run."
         )
@@ -236,7 +231,6 @@ def conditions(robot: Robot) -> list[str]:
         unit, label = "deg" if joint.is_revolute else "m", f"Joint {joint.number} ({joint.name}) states no"
         if joint.limits is None:
             low, high = (end / factor(unit) for end in span(joint))
-            out.append(f"{label} limits: {low:.4g}..{high:.4g} {unit} taken.")
+            yield f"{label} limits: {low:.4g}..{high:.4g} {unit} taken."
         if joint.max_velocity is None:
-            out.append(f"{label} max_velocity: {top / factor(unit):.3g} {unit}/s taken.")
-    return out
+            yield f"{label} max_velocity: {top / factor(unit):.3g} {unit}/s taken."

@@ -5,7 +5,7 @@ replicates.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from pumaid.design.exchange import (
     ContinuousDesign,
     Criterion,
     Exchange,
-    PlanObjective,
     continuous_design,
     rounded,
 )
@@ -24,7 +23,7 @@ from pumaid.design.information import CandidateInformation, candidate_informatio
 from pumaid.design.prior import Prior
 from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts
 from pumaid.robot import Robot
 from pumaid.structure import minimal
 from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Plan, Posture, duration, highest_speeds
@@ -206,15 +205,11 @@ class Planner:
         self.criterion = replace(whole, counted=counted | (not counted.any()))
         return optimum if counted.all() else continuous_design(self.candidates, self.criterion, budget)
 
-    def _exchange(self, candidates: CandidateInformation, away: Floats, budget: float) -> Exchange:
-        objective = PlanObjective(candidates, self.criterion)
-        return Exchange(objective, candidates.seconds, candidates.posture, away, budget, limit=4)
-
     def _seconds(self, counts: Counts) -> float:
         """s of a round in which each candidate is made `counts` (L,) times, about, with the runs for judging."""
         lasting = sum(duration(self.robot, Plan(self.robot.name, block.motions)) for block in self.judging)
         away = float(np.mean(self._away)) * len(self.judging)
-        return self._exchange(self.candidates, self._away, math.inf).cost(counts) + lasting + away
+        return Exchange(self.candidates, self.criterion, self._away, math.inf).cost(counts) + lasting + away
 
     def _cover(self, coverage: Coverage) -> Counts:
         """(L,) how often each candidate is made in a round of a coverage, in the postures that tell most."""
@@ -241,7 +236,7 @@ class Planner:
                 information = information + gathered[best]
         return counts
 
-    def _covering(self, ways: Sequence[Sweep], coverage: Coverage) -> list[list[Sweep]]:
+    def _covering(self, ways: Sequence[Sweep], coverage: Coverage) -> Iterator[list[Sweep]]:
         """The sweeps of each posture of a joint: parts of the range at slower speeds, and tours at the highest."""
         *rising, fast = sorted({sweep.speed for sweep in ways})
         half = (len(rising) + 1) // 2
@@ -250,7 +245,6 @@ class Planner:
         fastest = [sweep for sweep in ways if sweep.speed == fast]
         widest = max(round(sweep.high - sweep.low, 9) for sweep in fastest)
         tours = [sweep for sweep in fastest if round(sweep.high - sweep.low, 9) == widest]
-        out = []
         for place in range(coverage.postures):
             chosen = list[Sweep]()
             turns = range(place * count, (place + 1) * count) if slower else ()
@@ -260,8 +254,7 @@ class Planner:
                 chosen.append(parts[:2][place % len(parts[:2])])  # above and below home in turns
             if place < coverage.whole or not chosen:
                 chosen.append(tours[place % len(tours)])
-            out.append(chosen)
-        return out
+            yield chosen
 
     def _chosen(self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float) -> Plan:
         """Runs chosen on top of the coverage for `allowed` s, in order."""
@@ -270,7 +263,7 @@ class Planner:
         part = self.candidates.only(pool)
         table = replace(part, seconds=rounds * part.seconds, squares=rounds * part.squares)
         judging = self._seconds(np.zeros(len(self.candidates), dtype=np.int64))
-        exchange = self._exchange(table, 1.5 * rounds * self._away[pool], allowed - judging)
+        exchange = Exchange(table, self.criterion, 1.5 * rounds * self._away[pool], allowed - judging)
         counts = exchange.exchanged(
             exchange.filled(required[pool]),
             required=required[pool],
@@ -289,13 +282,12 @@ class Planner:
             orders.append(blocks)
         rng = np.random.default_rng([self.seed, 4])
         motions = schedule(self.robot, orders, collision=self.collision, rng=rng)
-        bare = Plan(self.robot.name, motions, self._reasons(table, counts), seed=self.seed)
-        efficiency = math.exp(optimum.bound - exchange.objective.value(counts))
+        bare = Plan(self.robot.name, motions, tuple(self._reasons(table, counts)), seed=self.seed)
+        efficiency = math.exp(optimum.bound - exchange.value(counts))
         return replace(bare, duration=duration(self.robot, bare), efficiency=efficiency)
 
-    def _reasons(self, candidates: CandidateInformation, counts: Counts) -> tuple[Posture, ...]:
+    def _reasons(self, candidates: CandidateInformation, counts: Counts) -> Iterator[Posture]:
         """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
-        out = list[Posture]()
         before = self.criterion.errors(candidates.information(counts))
         for joint in self.robot.joints:
             label = f"joint {joint.number} ({joint.name})"
@@ -316,7 +308,6 @@ class Planner:
                 elif parts:
                     why = f"without it the error of {', '.join(parts)}"
                 hold = candidates.blocks[int(np.argmax(is_here))].hold
-                out.append(Posture(joint.number, hold, tuple(name for _, name in rises), why))
+                yield Posture(joint.number, hold, tuple(name for _, name in rises), why)
             why = f"{label} is judged here, at speeds that no fit uses"
-            out += [Posture(joint.number, block.hold, (), why) for block in self.judging if block.joint == joint.number]
-        return tuple(out)
+            yield from (Posture(b.joint, b.hold, (), why) for b in self.judging if b.joint == joint.number)

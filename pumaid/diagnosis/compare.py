@@ -56,7 +56,7 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
             joints.append(JointScore(joint.number, 0, 0, None, None, None, None, why))
             continue
         prediction, were_fitted = at_joints[joint.number], [is_fitted[n] for n in numbers]
-        of_runs = prediction.run_scores(were_fitted)
+        of_runs = list(prediction.run_scores(were_fitted))
         scores |= dict(zip(numbers, of_runs, strict=True))
         score = prediction.joint_score(of_runs)
         counted = [n for n, is_counted in enumerate(prediction.counted) if is_counted]

@@ -22,6 +22,8 @@ ROUNDING = 1e-9
 MOST_INSTANTS = 40
 #: Share of the time between two starts by which an instant lies ahead of the second: within any real pause.
 AHEAD = 0.02
+#: Time constants at which a search begins, as shares of the campaign.
+TIME_CONSTANTS = (0.08, 0.15, 0.3, 0.6, 1.2)
 #: Random postures that show how an axis can stand to gravity; the answer does not depend on them.
 POSTURES = 8
 
@@ -204,7 +206,8 @@ class Effect:
         """
         if not self.nonlinear:
             return (NO_SHAPE,)
-        times = _time_constants(extent) if self.nonlinear[0].is_searched else _instants(extent)
+        constants = (min(max(share * extent.duration, 1.0), 1e6) for share in TIME_CONSTANTS)
+        times = constants if self.nonlinear[0].is_searched else _instants(extent)
         return tuple({self.nonlinear[0].name: time} for time in times)
 
     def formula_in(self, robot: Robot, number: int, joint: int) -> str:
@@ -263,11 +266,6 @@ def _instants(extent: Extent) -> tuple[float, ...]:
     between = starts[1:] - AHEAD * np.diff(starts)
     chosen = np.unique(np.linspace(0, len(between) - 1, min(len(between), MOST_INSTANTS)).round().astype(int))
     return tuple(float(t) for t in between[chosen])
-
-
-def _time_constants(extent: Extent) -> tuple[float, ...]:
-    """Time constants (s) at which a search begins, from a twelfth of the campaign on."""
-    return tuple(min(max(share * extent.duration, 1.0), 1e6) for share in (0.08, 0.15, 0.3, 0.6, 1.2))
 
 
 def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:

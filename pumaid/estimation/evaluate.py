@@ -1,6 +1,6 @@
 """An estimate held against runs: what it predicts, how far off it is, and what it cannot know."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -255,9 +255,9 @@ class JointPrediction:
         groups = separable(np.einsum("knb,lnb->kl", off, off), limit)
         return tuple(tuple(self.effects[k] for k in group) for group in groups)
 
-    def run_scores(self, is_fitted: Sequence[bool]) -> list[RunScore]:
+    def run_scores(self, is_fitted: Sequence[bool]) -> Iterator[RunScore]:
         """A score for each run; `is_fitted` (R,) says which the estimate was fitted to."""
-        bins, groups, out = self.bins, self.groups(), []
+        bins, groups = self.bins, self.groups()
         total = bins.sums(bins.count * self.residual) / self.samples
         current = bins.sums(bins.count * bins.current)
         mean = current.sum() / self.samples.sum()
@@ -270,7 +270,7 @@ class JointPrediction:
                 if self.design[span][:, self._is_part[:, k]].any()
             }
             reason = None if is_fitted[n] else self._undetermined(run, self.design[span])
-            score = RunScore(
+            yield RunScore(
                 run=run,
                 rmse=float(np.sqrt(self.square[n] / self.samples[n])),
                 bias=float(total[n]),
@@ -281,8 +281,6 @@ class JointPrediction:
                 explained=_explained(self.square[n], about[n], self.samples[n]),
                 parts=together(acting, groups),
             )
-            out.append(score)
-        return out
 
     def joint_score(self, scores: Sequence[RunScore]) -> JointScore:
         """The joint's figures; `scores` are those of its runs. The budget is left out."""

@@ -1,7 +1,5 @@
 """From a fit to its parameters: value, error and interval, or the reason why the data do not determine one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -70,7 +68,7 @@ class FittedParameters:
     @classmethod
     def of(
         cls, fitted: Fit, errors: Clustered, coverage: Mapping[int, JointCoverage], *, recursive: bool = False
-    ) -> FittedParameters:
+    ) -> "FittedParameters":
         """Of the fit over all joints, or of the recursion; by the working model where clusters are too few."""
         first = fitted.first if recursive else None
         solution = first.solution if first else fitted.solution
@@ -216,7 +214,7 @@ class Confounding:
     taken: Floats
 
     @classmethod
-    def of(cls, fitted: Fit) -> Confounding:
+    def of(cls, fitted: Fit) -> "Confounding":
         """Of a fit: what of its effects no run tells from its other columns."""
         columns, jacobian = fitted.model.columns, fitted.solution.jacobian
         is_effect = [column.place is not None for column in columns] + [False] * (jacobian.shape[1] - len(columns))

@@ -1,7 +1,5 @@
 """Effects with shapes: looked for on a grid, refined off it, fitted with everything else, their intervals profiled."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -235,7 +233,7 @@ class EffectFit:
     fit: Fit
     ranges: Mapping[tuple[int, str], Ends] = field(default_factory=dict)
     is_settled: bool = True
-    search: ShapeSearch | None = None
+    search: "ShapeSearch | None" = None
 
     @property
     def shapes(self) -> tuple[Point, ...]:

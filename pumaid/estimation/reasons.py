@@ -1,7 +1,5 @@
 """Why the data do not determine a parameter, and the run that would show it: a table of reasons, and which applies."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -133,7 +131,7 @@ class JointCoverage:
     strokes: int
 
     @classmethod
-    def of(cls, joint: int, runs: Sequence[Run]) -> JointCoverage:
+    def of(cls, joint: int, runs: Sequence[Run]) -> "JointCoverage":
         """Of the runs in which `joint` (from 1) moves."""
         moving = [run for run in runs if run.joint == joint]
         speeds = {}

@@ -10,8 +10,6 @@ a cluster enters row i as one column nu, whose coefficient is eta_i / eta_c with
 the cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -64,7 +62,7 @@ class Gains:
         """(edges,) the ratio on each edge."""
         return np.array([self.edge[edge] for edge in self.edges])
 
-    def with_ratios(self, ratios: Floats) -> Gains:
+    def with_ratios(self, ratios: Floats) -> "Gains":
         """The same forest with other ratios on its edges."""
         other = Gains(self.n_rows)
         other.parent, other.edge = list(self.parent), list(self.edge)
@@ -204,7 +202,7 @@ class Bilinear:
         """(N,) what parameters and ratios leave of the target."""
         return self.target - self.scaled(gains) @ values
 
-    def condensed(self) -> Bilinear:
+    def condensed(self) -> "Bilinear":
         """The same sums of squares, at any parameters and gains, in few equations, however many there are.
 
         A row of the system shares its ratios, so its equations may be turned among themselves: into a triangle of the

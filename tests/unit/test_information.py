@@ -10,7 +10,7 @@ import pytest
 from menus import arm, names, prior, small_set
 from paper_recursion import gravity_current
 
-from pumaid.design.exchange import Criterion, PlanObjective, continuous_design
+from pumaid.design.exchange import Criterion, Exchange, continuous_design
 from pumaid.design.information import gravity_names, gravity_slopes, predicted_errors, run_information, run_moments
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
@@ -160,8 +160,10 @@ def test_no_enumerated_design_beats_the_bound():
 
 def test_falls_rank_as_exact_values_do():
     """One more of a candidate lowers the value by about what the slope says, the more exactly the less it is."""
-    objective = PlanObjective(small_set("pendulum2"), criterion_of("pendulum2"))
-    counts = np.full(len(objective.candidates), 6)
+    candidates, criterion = small_set("pendulum2"), criterion_of("pendulum2")
+    exchange = Exchange(candidates, criterion, np.zeros(len(candidates)), np.inf)
+    counts = np.full(len(candidates), 6)
     numbers = np.arange(0, len(counts), 7)
-    falls = objective.value(counts) - objective.values_with(counts, numbers)
-    assert falls == pytest.approx(objective.falls(counts)[numbers], rel=0.1, abs=1e-6)
+    more = candidates.information(counts) + candidates.each(numbers)
+    falls = exchange.value(counts) - criterion.value(more)
+    assert falls == pytest.approx(exchange.falls(counts)[numbers], rel=0.1, abs=1e-6)
