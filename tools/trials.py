@@ -33,10 +33,10 @@ from pumaid import identify, segment, simulate
 from pumaid.dataset import Campaign
 from pumaid.design.plan import plan
 from pumaid.diagnosis.candidates import minus_log10_p
-from pumaid.diagnosis.detection_limit import detection_limits
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT
 from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
+from pumaid.diagnosis.verdict import detection_limits
 from pumaid.effects import catalogue
 from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes

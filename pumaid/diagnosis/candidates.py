@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import fft, special
 
 from pumaid.dataset import Dataset
 from pumaid.effect_spec import EffectTerm
@@ -16,11 +17,10 @@ from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import NO_SHAPE, Family, Parameter, Shape
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import NoiseModel
-from pumaid.joint_bins import JointBins, extent
+from pumaid.joint_bins import Counts, JointBins, extent
 from pumaid.robot import Robot
-from pumaid.samples import Extent, Samples
+from pumaid.samples import Extent, Floats, Samples
 
-Floats = NDArray[np.float64]
 #: Effect and joint (from 1; None: the whole arm).
 Key = tuple[str, int | None]
 
@@ -68,6 +68,24 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     return Candidates(tuple(group for group in groups if group), excluded)
 
 
+class Expansion(Effect):
+    """Columns of one joint's samples without a law, a parameter each; in no catalogue."""
+
+    title, source, family = "Columns without a law", "least squares", Family.SUSPECT
+    name: str = ""
+
+    def __init__(self, name: str, width: int, made: Callable[[Samples], Floats]) -> None:
+        self.name, self.width, self.made = name, width, made
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"b{k}", "A", "of a column", f"b{k}") for k in range(self.width))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return self.made(samples)
+
+
 class Suspect(Effect):
     """a x, s a x or a tau x, with x a column of the logs less its mean, s the direction and tau gravity's load.
 
@@ -85,8 +103,10 @@ class Suspect(Effect):
     source = "the user's suspicion"
     family = Family.SUSPECT
     needs_loads: ClassVar[bool] = True
+    name: str = ""
 
     def __init__(self, column: str, place: int, *, middle: float, spread: float) -> None:
+        self.name = f"suspect:{column}"
         self.column, self.place, self.middle, self.spread = column, place, middle, spread
 
     @classmethod
@@ -98,11 +118,6 @@ class Suspect(Effect):
         values = values[np.isfinite(values)]
         middle, spread = (float(values.mean()), float(values.std())) if len(values) else (0.0, 0.0)
         return cls(column, place, middle=middle, spread=spread)
-
-    @property
-    def name(self) -> str:
-        """``suspect:COLUMN``."""
-        return f"suspect:{self.column}"
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         return (Parameter("a", "A", f"current per standard deviation ({self.spread:.4g}) of {self.column}", "a{n}"),)
@@ -130,52 +145,33 @@ SETTLING_TIME = 0.025
 MOST_SPEEDS = 6
 
 
-class Settling(Effect):
-    """s b exp(-t/T), t the time since the run began, T `SETTLING_TIME`: one b for each speed.
+def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
+    """s b exp(-t/T), t the time since a run began, T `SETTLING_TIME`: one b for each speed, at each joint of which all
+    runs are at constant speed.
 
     Inertia makes it: at the end of a ramp the speed is off by a few tenths of a per cent, and to mend that in some tens
     of milliseconds draws more than friction does. It is no finding, since every arm has it.
+
+    Source: S.-K. Lin, eq. (35): acceleration feedback within the load compensator.
     """
-
-    title = "The current in which the speed settles"
-    source = "S.-K. Lin, eq. (35): acceleration feedback within the load compensator"
-    family = Family.START
-    opposes_motion: ClassVar[bool] = False
-
-    def __init__(self, speeds: Sequence[float]) -> None:
-        self.speeds = np.asarray(speeds, dtype=float)
-
-    @property
-    def name(self) -> str:
-        """No name of the catalogue."""
-        return "settling"
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        groups = 2 if len(self.speeds) > MOST_SPEEDS else len(self.speeds)
-        return tuple(Parameter(f"b{k}", "A", "at the start of a run", f"b{k}") for k in range(groups))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        v = np.abs(samples.velocity[:, samples.joint - 1])
-        since = samples.travel / np.maximum(v, 1e-9)
-        if len(self.speeds) > MOST_SPEEDS:
-            groups = [np.ones(len(v)), v]
-        else:
-            nearest = np.abs(v[:, None] - self.speeds[None, :]).argmin(axis=1)
-            groups = [(nearest == k).astype(float) for k in range(len(self.speeds))]
-        fading = samples.direction * np.exp(-since / SETTLING_TIME)
-        return np.column_stack([group * fading for group in groups])
-
-
-def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
-    """One for each joint of which all runs are at constant speed."""
     steady = [item for item in bins if not item.is_stroke.any()]
-    return tuple(EffectTerm(Settling(item.speeds), item.joint, NO_SHAPE) for item in steady)
+    speeds = [np.array(item.speeds) for item in steady]
+    widths = [2 if len(part) > MOST_SPEEDS else len(part) for part in speeds]
+    effects = [Expansion("settling", width, partial(_fading, part)) for width, part in zip(widths, speeds, strict=True)]
+    return tuple(EffectTerm(effect, item.joint, NO_SHAPE) for effect, item in zip(effects, steady, strict=True))
+
+
+def _fading(speeds: Floats, samples: Samples) -> Floats:
+    """(M, K) a transient in which the current settles at each of K speeds, or of two that scale with speed."""
+    v = np.abs(samples.velocity[:, samples.joint - 1])
+    fading = samples.direction * np.exp(-samples.travel / np.maximum(v, 1e-9) / SETTLING_TIME)
+    groups = np.column_stack([np.ones(len(v)), v])
+    if len(speeds) <= MOST_SPEEDS:
+        groups = np.eye(len(speeds))[np.abs(v[:, None] - speeds).argmin(axis=1)]
+    return np.asarray(groups * fading[:, None])
 
 
 Complexes = NDArray[np.complex128]
-Counts = NDArray[np.int64]
 
 #: Lowest frequency looked at, in periods over the longest run: below, gravity and friction that vary with position
 #: absorb or mimic it.
@@ -308,7 +304,7 @@ def spectrum(
     lowest = 2.0 * np.pi * (max(slow, A_PIECE * PIECES / way[usable].sum()) if is_pieces else slow)
     extent = float(high[usable].max() - low[usable].min())
     step = 2.0 * np.pi / (POINTS * top)
-    points = _fast_length(OVERSAMPLING * extent / step)
+    points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step))
     in_range = (frequency >= lowest) & (frequency <= top)
     if np.count_nonzero(in_range) < 3:
@@ -327,12 +323,6 @@ def spectrum(
     for wave in without:
         turned[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
     return Spectrum(key, frequency, turned / scale, information / scale, is_pieces)
-
-
-def _fast_length(least: float) -> int:
-    """The smallest product of 2s, 3s and 5s that is not below `least`: transforms of such lengths are fast."""
-    odd = [3**i * 5**j for i in range(16) for j in range(12)]
-    return int(min(factor * 2 ** max(np.ceil(np.log2(least / factor)), 0.0) for factor in odd))
 
 
 def _pieces(bins: JointBins, way: Floats) -> Counts:

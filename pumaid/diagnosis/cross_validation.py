@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, Projector, elsewhere
-from pumaid.joint_bins import JointBins
+from pumaid.joint_bins import Floats, JointBins
 from pumaid.maths.rank import FLAT, pseudo_inverse
 
-Floats = NDArray[np.float64]
 #: A joint (from 1), and runs of it (from 0) that leave together.
 Fold = tuple[int, tuple[int, ...]]
 

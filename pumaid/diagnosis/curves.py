@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.records import Binned, Curve, Line
@@ -15,9 +14,7 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Family
 from pumaid.joint_bins import at, distinct
 from pumaid.robot import Robot
-from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
+from pumaid.samples import Floats, Samples
 
 #: Bins over a span: narrow enough for the shapes of the catalogue, wide enough to hold several runs each.
 FINE, COARSE = 32, 16

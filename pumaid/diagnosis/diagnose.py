@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.diagnosis.candidates import Key, Suspect
 from pumaid.diagnosis.curves import Trial as Drawn
 from pumaid.diagnosis.curves import curve
-from pumaid.diagnosis.detection_limit import detection_limits
 from pumaid.diagnosis.discrimination import deciding
 from pumaid.diagnosis.records import (
     ABSENT,
@@ -33,14 +31,14 @@ from pumaid.diagnosis.records import (
 )
 from pumaid.diagnosis.residual_budget import budget
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
-from pumaid.diagnosis.verdict import free_shape, joint_verdict
+from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
 from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
 from pumaid.effects import catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.joint_bins import JointBins
+from pumaid.joint_bins import Floats, JointBins
 from pumaid.maths.rank import pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
@@ -48,8 +46,6 @@ from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
 from pumaid.units import number
-
-Floats = NDArray[np.float64]
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.
 IDENTIFY = "pumaid identify LOGS"

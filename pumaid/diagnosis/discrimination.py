@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from pumaid.dataset import Campaign, Dataset, Run
@@ -25,7 +24,7 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import ABSORBED, Fit, FitRow, Projector, elsewhere, loaded
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.joint_bins import COARSE, joint_bins
+from pumaid.joint_bins import COARSE, Counts, Floats, joint_bins
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench
@@ -34,9 +33,6 @@ from pumaid.simulation.monte_carlo import constant_run
 from pumaid.simulation.virtual_robot import Truth
 from pumaid.trajectory import Motion, NextRun, Plan, Posture, cruise, duration, in_words, run_trapezoid
 from pumaid.units import deviations, factor, number
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: How often each of the two candidates of a set is made.
 REPLICATES = 2

@@ -8,18 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pumaid import __version__
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
 from pumaid.results.documents import as_text, heading, plain, read_document, record_from, sealed
 from pumaid.results.model_file import model_digest
+from pumaid.samples import Floats
 from pumaid.trajectory import NextRun
-
-Floats = NDArray[np.float64]
 
 #: Name of the file in a folder of results.
 DIAGNOSIS_NAME = "diagnosis.json"

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pumaid.diagnosis.candidates import Candidates, Spectrum, spectrum
-from pumaid.diagnosis.score_test import score_candidates
-from pumaid.diagnosis.sign_flip import replicate_test, sign_flips
+from pumaid.diagnosis.candidates import Candidates, Expansion, Spectrum, spectrum
+from pumaid.diagnosis.score_test import replicate_test, score_candidates, sign_flips
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Family
-from pumaid.effects.base import NO_SHAPE, Parameter
 from pumaid.estimation.evaluate import Budget, BudgetPart
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.noise import noise_of
-from pumaid.joint_bins import JointBins
+from pumaid.joint_bins import Counts, JointBins
 from pumaid.preprocessing.replicates import noise_floor, pairs
-from pumaid.robot import Joint, Robot
-from pumaid.samples import Samples
+from pumaid.robot import Joint
+from pumaid.samples import Floats, Samples
 
-Floats = NDArray[np.float64]
-Labels = NDArray[np.int64]
 Key = tuple[str, str]
 
 #: A: an RMSE below this is rounding.
@@ -203,7 +197,7 @@ def _half_waves(share: Floats, count: int) -> Floats:
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, count + 1)))
 
 
-def _centred(columns: Floats, weight: Floats, label: Labels) -> Floats:
+def _centred(columns: Floats, weight: Floats, label: Counts) -> Floats:
     """Less their mean over the bins of each label."""
     total = np.bincount(label, weight)
     means = [np.bincount(label, weight * column) / np.where(total > 0, total, 1.0) for column in columns.T]
@@ -219,28 +213,6 @@ def _friction(bins: JointBins) -> Floats:
     sides = samples.direction[:, None] * [1.0, -1.0] > 0
     speed = np.abs(samples.velocity[:, [bins.joint - 1]])
     return np.hstack([sides, sides * speed, samples.acceleration[:, None]]).astype(float)
-
-
-class Dependence(Effect):
-    """A dependence without a law, which the score test tries like an effect: columns over the bins of one joint."""
-
-    title, source, family = "A dependence of the residual", "the residual budget", Family.SUSPECT
-
-    def __init__(self, key: Key, values: Floats) -> None:
-        self.key, self.values = key, values
-
-    @property
-    def name(self) -> str:
-        """Part and variable."""
-        return "/".join(self.key)
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"b{k}", "A", "of a column", f"b{k}") for k in range(self.values.shape[1]))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return self.values
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -299,7 +271,11 @@ class _Decomposition:
         """What is more than noise; chances are noted."""
         fit, joint, waves, out = self._fit(), self.bins.joint, self._spectrum(), []
         bases = {key: _orthonormal(values, self.weight, self.basis) for key, values in self.columns.items()}
-        groups = [(EffectTerm(Dependence(key, basis), joint),) for key, basis in bases.items() if basis.shape[1]]
+        groups = [
+            (EffectTerm(Expansion("/".join(key), basis.shape[1], partial(_fixed, basis)), joint),)
+            for key, basis in bases.items()
+            if basis.shape[1]
+        ]
         table = replace(score_candidates(fit, Candidates(tuple(groups))), spectra=() if waves is None else (waves,))
         surprises = {test.added.key: test.surprise(fit.scale) for test in table.trials}
         surprises |= {spectrum.key: spectrum.surprise(fit.scale) for spectrum in table.spectra}
@@ -326,7 +302,7 @@ class _Decomposition:
             inverse=np.linalg.pinv(slim.T @ slim, hermitian=True),
             scale=1.0,
             model=SimpleNamespace(robot=None),  # a dependence asks for no robot
-            signs=lambda term: np.zeros(term.effect.values.shape[1]),
+            signs=lambda term: np.zeros(term.effect.width),
         )
         return cast(Fit, fit)
 
@@ -419,6 +395,11 @@ class _Decomposition:
             gearing=tuple(number / gearing for number in cycles) if gearing else (),
             points_to=tuple(dict.fromkeys(effect for item in portions for effect in POINTS_TO[item.key])),
         )
+
+
+def _fixed(values: Floats, samples: Samples) -> Floats:
+    """Columns over the bins of one joint."""
+    return values
 
 
 def _orthonormal(columns: Floats, weight: Floats, taken: Floats | None = None) -> Floats:

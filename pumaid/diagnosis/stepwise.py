@@ -6,23 +6,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Campaign, Run
 from pumaid.diagnosis.candidates import Key, Spectrum, candidates, settling, spectrum
 from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.records import Transfer
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, refine_shape, score_at, score_candidates
-from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
+from pumaid.diagnosis.score_test import (
+    ScoreTable,
+    ScoreTest,
+    SignFlips,
+    refine_shape,
+    score_at,
+    score_candidates,
+    sign_flips,
+)
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, misfit_at
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
-from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
+from pumaid.joint_bins import COARSE, FINE, Floats, JointBins, joint_bins
 from pumaid.model import Model
 
-Floats = NDArray[np.float64]
 #: A candidate at its best on the grid, with its shape refined, and the fit that shows it.
 Leader = tuple[ScoreTest, ScoreTest, Fit]
 

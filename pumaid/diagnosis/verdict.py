@@ -1,27 +1,33 @@
-"""What has no name: free functions of one variable, scored like effects, and the verdict on a joint."""
+"""What has no name (free functions of one variable, scored like effects), and what would not have been seen."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import special
 
-from pumaid.diagnosis.candidates import Candidates
-from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Unexplained
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, score_of
-from pumaid.diagnosis.sign_flip import ReplicateTest, replicate_test, sign_flips
-from pumaid.diagnosis.stepwise import DECISIVE, evidence, rmse
+from pumaid.diagnosis.candidates import PERIODIC, Candidates, Expansion, Key
+from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Limit, Unexplained
+from pumaid.diagnosis.score_test import (
+    GROSS,
+    ReplicateTest,
+    ScoreTable,
+    ScoreTest,
+    SignFlips,
+    replicate_test,
+    score_of,
+    sign_flips,
+)
+from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, WORTH, evidence, rmse
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter
+from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.estimation.fit import Fit, Projector
 from pumaid.joint_bins import JointBins
 from pumaid.robot import Robot
-from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
+from pumaid.samples import Floats, Samples
 
 #: Variable -> its unit (``{unit}`` is rad or m), and knots of a free function over its span: a bump of an eighth of the
 #: span is still seen.
@@ -36,36 +42,21 @@ ABSORBED, FLAT = 1e-4, 1e-3
 DRAWN = 0.1
 
 
-class FreeForm(Effect):
-    """A free function of one variable, as hat functions; no physics, so not in the catalogue."""
+class FreeForm(Expansion):
+    """A free function of one variable, as hat functions, named like ``s f(q)``.
 
-    title = "A free function"
-    source = "C. de Boor, A Practical Guide to Splines, ch. 9 (linear B-splines)"
-    family = Family.SUSPECT
+    Source: C. de Boor, A Practical Guide to Splines, ch. 9 (linear B-splines).
+    """
+
     needs_loads: ClassVar[bool] = True
 
     def __init__(self, variable: str, factor: str, knots: Floats) -> None:
+        super().__init__(f"{factor} f({variable})".strip(), len(knots), self._made)
         self.variable, self.factor, self.knots = variable, factor, knots
 
-    @property
-    def name(self) -> str:
-        """The form, such as ``s f(q)``."""
-        return f"{self.factor} f({self.variable})".strip()
-
-    @property
-    def unit(self) -> str:
-        """Of the variable."""
-        return VARIABLES[self.variable][0]
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"b{k}", "A", "at a knot", f"b{k}") for k in range(len(self.knots)))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        factors = {"s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}
-        factor = factors.get(self.factor, np.ones(len(samples)))
-        return hats(variable(samples, self.variable), self.knots) * factor[:, None]
+    def _made(self, samples: Samples) -> Floats:
+        factors = {"": np.ones(len(samples)), "s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}
+        return hats(variable(samples, self.variable), self.knots) * factors[self.factor][:, None]
 
 
 def variable(samples: Samples, name: str) -> Floats:
@@ -193,7 +184,7 @@ def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
     free = trial.added.effect
     assert isinstance(free, FreeForm) and trial.added.joint is not None
     knots, values, errors = knot_values(solved, trial)
-    unit = free.unit.format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
+    unit = VARIABLES[free.variable][0].format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
     peak = float(knots[int(np.argmax(np.abs(values)))])
     row = solved.row(trial.added.joint)
     freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
@@ -228,3 +219,93 @@ def free_shape(
     if best is None or evidence(solved, best) <= beyond:
         return None
     return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
+
+
+#: Chance with which an effect of the limit's size is found.
+POWER = 0.8
+#: Fourth moment of a normal score over its square's square.
+NORMAL = 3.0
+#: Mean square of a wave of size one.
+WAVE = 0.5
+#: A: errors below this count as it.
+TINY = float(np.finfo(float).tiny) ** 0.5
+#: Times an effect's usual size beyond which a limit is that of rounding.
+ABSURD = 1e6
+#: Why no size of an effect could be seen.
+FAINT = "the fitted model absorbs all of it in these runs"
+
+
+def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
+    """The detection limit of every effect at every joint, in the unit of its first parameter.
+
+    With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
+    it is found in `POWER` of all cases when this exceeds the family-wise threshold, as it then is, by the normal
+    quantile of `POWER`. It must also lower some joint's error by the share `WORTH`. Of an effect with a shape the limit
+    is the median over shapes that can be seen.
+    """
+    robot, scale, projector = scan.solved.model.robot, scan.solved.scale, Projector(scan.solved)
+    shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in scan.solved.joints}
+    errors = {row.bins.joint: max(rmse(row.bins, row.misfit), TINY) for row in scan.solved.joints}
+    tests, out = {id(test.added): test for test in scan.trials}, dict[Key, Limit]()
+    for group in scan.candidates.groups:
+        columns = projector.columns(group)
+        falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in columns.items()]
+        largest = np.max(falls, axis=0, initial=0.0).reshape(len(group), -1)[:, 0] if falls else np.zeros(len(group))
+        chosen = [(tests[id(term)], fall) for term, fall in zip(group, largest, strict=True) if id(term) in tests]
+        sizes = [_size(test, family, scan, fall=fall) for test, fall in chosen]
+        out[group[0].key] = _limit(robot, group[0].effect, group[0].key, float(np.median(sizes or [np.inf])))
+    for waves in scan.spectra:
+        shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))
+        size = shift * float(np.sqrt(scale / np.median(waves.information)))
+        least = errors[waves.key[1] or 0] * float(np.sqrt(2.0 * WORTH / WAVE))
+        out[waves.key] = _limit(robot, catalogue()[waves.key[0]], waves.key, max(size, least))
+    return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
+
+
+def _size(test: ScoreTest, family: SignFlips, scan: ScoreTable, *, fall: float) -> float:
+    """Of the first parameter, the others zero: what is found, and lowers an error by the share `WORTH`.
+
+    `fall` is the largest share of a joint's squared error that a unit of it makes; what the model absorbs takes none
+    away. A fitted size must be expected above a threshold by a margin to pass it with `POWER`.
+    """
+    information, key = float(test.information[0, 0]), test.added.key
+    if information <= 0.0 or fall <= 0.0:
+        return float("inf")
+    error = float(np.sqrt(scan.solved.scale / information))
+    threshold, gross = family.threshold(key, LEVEL), family.gross(key)
+    shown = needed(threshold, test.width, runs=_runs(test, scan), gross=gross) * error
+    return max(shown, float(np.sqrt(2.0 * WORTH / (test.visible * fall)) + special.ndtri(POWER) * error))
+
+
+def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS) -> float:
+    """Standard deviations of shift that are found with `POWER` when the threshold is `surprise` (-log10 p).
+
+    Flipped scores hold the effect, too: a shift of d, spread over R runs, raises the flips' squares and with them the
+    threshold by the share d^2 / R; but beyond `gross` no flip is asked.
+    """
+    more = float(special.ndtri(POWER))
+    threshold, surely = (float(special.chdtri(freedoms, 10.0**-alarm)) for alarm in (min(surprise, gross), gross))
+    rest = 1.0 - threshold / runs
+    upper = float(np.sqrt(surely)) + more
+    if rest <= 0.0:
+        return upper
+    return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, upper)
+
+
+def _runs(trial: ScoreTest, scan: ScoreTable) -> float:
+    """Runs, each telling as much as any other, that would flip like these: by their scores' fourth moment."""
+    squares = trial.scores[:, 0] ** 2
+    alike = float(NORMAL * squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 1.0
+    return min(alike, float(len(squares))) / float(np.mean(scan.leverage**2))
+
+
+def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:
+    """Of that size; where it is infinite, with the reason and the runs in which the effect would be seen."""
+    first = effect.parameters(robot, key[1] or 0)[0]
+    joint = robot.joint(key[1]) if key[1] and effect.scope is not Scope.ARM else robot.joints[0]
+    unit = first.unit.format(unit=joint.position_unit)
+    if size < ABSURD * (abs(first.example) or 1.0):
+        return Limit(*key, first.name, size, unit)
+    return Limit(
+        *key, first.name, None, unit, FAINT + (f"; it is seen best in {effect.seen_in}" * bool(effect.seen_in))
+    )

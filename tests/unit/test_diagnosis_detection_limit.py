@@ -10,9 +10,9 @@ from scipy import stats
 from searches import LEVER, Din, Lab, design, lever, pendulum
 from worlds import PENDULUM
 
-from pumaid.diagnosis.detection_limit import detection_limits, needed
 from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.stepwise import Step, Stepwise
+from pumaid.diagnosis.verdict import detection_limits, needed
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 

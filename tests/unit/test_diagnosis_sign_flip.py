@@ -11,8 +11,7 @@ from scipy import stats
 from searches import Din, Lab, lever, pendulum
 
 from pumaid.diagnosis.candidates import candidates, settling
-from pumaid.diagnosis.score_test import ScoreTable, score_candidates
-from pumaid.diagnosis.sign_flip import SignFlips, sign_flips
+from pumaid.diagnosis.score_test import ScoreTable, SignFlips, score_candidates, sign_flips
 from pumaid.effect_spec import EffectTerm
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}

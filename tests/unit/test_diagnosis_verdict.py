@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from searches import LEVER, Din, Lab, design, left, lever, pendulum, roots, with_current
 
-from pumaid.diagnosis.sign_flip import ReplicateTest, replicate_test
+from pumaid.diagnosis.score_test import ReplicateTest, replicate_test
 from pumaid.diagnosis.stepwise import evidence
 from pumaid.diagnosis.verdict import FORMS, forms, free_form_scores, hats, joint_verdict, knot_values, variable
 from pumaid.estimation.fit import Fit
