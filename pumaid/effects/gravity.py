@@ -42,21 +42,19 @@ class Gravity(Effect):
         return self.columns_of(robot, samples, (link,))[link]
 
     def columns_of(self, robot: Robot, samples: Samples, numbers: Sequence[int]) -> dict[int, Floats]:
-        rotations = robot.rotations(samples.position)
-        return {link: self._of_link(robot, samples, rotations, link=link) for link in numbers}
-
-    def _of_link(self, robot: Robot, samples: Samples, rotations: Floats, *, link: int) -> Floats:
-        moving, g = samples.joint, np.asarray(robot.gravity)
-        z_i, frame_j = rotations[:, moving - 1, :, 2], rotations[:, link - 1]
-        width = len(self.parameters(robot, link))
-        if not robot.joint(moving).is_revolute:
-            return _cleaned(-(z_i @ g)[:, None], g) if link == moving else np.zeros((len(samples), width))
-        lever = np.cross(z_i, g)
-        if robot.joint(link).is_revolute:
-            return _cleaned(np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2]), g)
-        d_j = robot.displacements(samples.position)[:, link - 1]
-        return _cleaned((d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None], g)
-
-
-def _cleaned(columns: Floats, g: Floats) -> Floats:
-    return np.where(np.abs(columns) > ROUNDING * np.linalg.norm(g), columns, 0.0)
+        rotations, moving = robot.rotations(samples.position), samples.joint
+        z_i, g, out = rotations[:, moving - 1, :, 2], np.asarray(robot.gravity), dict[int, Floats]()
+        lever, slides = np.cross(z_i, g), not robot.joint(moving).is_revolute
+        for link in numbers:
+            frame_j = rotations[:, link - 1]
+            if slides and link == moving:
+                columns = -(z_i @ g)[:, None]
+            elif slides:
+                columns = np.zeros((len(samples), len(self.parameters(robot, link))))
+            elif robot.joint(link).is_revolute:
+                columns = np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2])
+            else:
+                d_j = robot.displacements(samples.position)[:, link - 1]
+                columns = (d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None]
+            out[link] = np.where(np.abs(columns) > ROUNDING * np.linalg.norm(g), columns, 0.0)
+        return out

@@ -38,15 +38,12 @@ class ZeroOffset(Effect):
     def applies(self, robot: Robot, joint: int) -> str | None:
         if not robot.joint(joint).is_revolute:
             return f"a shift of joint {joint}'s zero adds a constant lever, which the links' first moments absorb"
-        upright = load_refusal(robot, joint)
-        return upright or _absorbed(robot, joint)
-
-
-def _absorbed(robot: Robot, joint: int) -> str | None:
-    """Why a turn of `joint` is a turn of first moments alone: it moves no axis beyond it."""
-    rng = np.random.default_rng(0)
-    z = robot.rotations(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints)))[..., 2]
-    if float(np.abs(np.cross(z[:, joint - 1, None], z[:, joint - 1 :])).max()) > ROUNDING:
-        return None
-    beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"
-    return f"a shift of joint {joint}'s zero only turns first moments, which absorb it: {beyond}"
+        if (upright := load_refusal(robot, joint)) is not None:
+            return upright
+        # A turn that moves no axis beyond the joint is one of first moments alone.
+        rng = np.random.default_rng(0)
+        z = robot.rotations(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints)))[..., 2]
+        if float(np.abs(np.cross(z[:, joint - 1, None], z[:, joint - 1 :])).max()) > ROUNDING:
+            return None
+        beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"
+        return f"a shift of joint {joint}'s zero only turns first moments, which absorb it: {beyond}"

@@ -40,7 +40,12 @@ def clustered(
     Source: R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169-181; J. E. Pustejovsky and E. Tipton, J.
     Bus. Econ. Stat. 36 (2018) 672-683.
     """
-    p, table = len(inverse), _by_run(np.column_stack([jacobian, residual]), runs)
+    # Rows of each run by rising number, zero where a run has fewer than others.
+    _, run, lengths = np.unique(runs, return_inverse=True, return_counts=True)
+    order, p = np.argsort(run, kind="stable"), len(inverse)
+    table = np.zeros((len(lengths), int(lengths.max()), p + 1))
+    place = np.arange(len(runs)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    table[run[order], place] = np.column_stack([jacobian, residual])[order]
     scores, alone = np.zeros((len(table), p)), np.zeros((len(table), p))
     lent, trace, squares, gram = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((p, p, p))
     for start in range(0, len(table), AT_ONCE):
@@ -72,15 +77,6 @@ def clustered(
     # Where next to nothing of a variance comes from residuals, they tell nothing of how well it is known.
     is_shown = (squares > 0) & (by_residuals > FITTED_ALONE * trace)
     return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=is_shown))
-
-
-def _by_run(table: Floats, runs: Counts) -> Floats:
-    """(R, k, q) rows of (N, q) by run, by rising number; zero where a run has fewer than k."""
-    _, run, lengths = np.unique(runs, return_inverse=True, return_counts=True)
-    order = np.argsort(run, kind="stable")
-    out = np.zeros((len(lengths), int(lengths.max()), table.shape[1]))
-    out[run[order], np.arange(len(runs)) - np.repeat(np.cumsum(lengths) - lengths, lengths)] = table[order]
-    return out
 
 
 def completed(working: Floats, errors: Floats, poor: Flags) -> Floats:

@@ -108,7 +108,14 @@ class FittedParameters:
         is_idle = column.scope in (Scope.JOINT, Scope.LINK) and self.coverage[column.owner].runs == 0
         if column.place is None and index in self.confounded and not is_idle:
             return _open(bare, reason("confounded", names=reasons.listed(self.confounded[index])))
-        if is_idle or partners is not None or self._is_uncertain(index):
+        is_open = is_idle or partners is not None
+        if column.place is not None:
+            # Known hardly better than before any data, or a shape best at a bound.
+            error = float(np.sqrt(self.solution.linear.inverse[index, index]))
+            if index in self.profiles:
+                error = _error_of(self.profiles[index], self.freedoms[index])
+            is_open |= column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
+        if is_open:
             row = next((row for row in self.fitted.rows if row.joint == column.owner), None)
             lever = 1.0  # RMS of a gravity column over its joint's own runs, as a share of g
             if row is not None and column.effect == "gravity":
@@ -122,16 +129,6 @@ class FittedParameters:
         start = 0.0 if column.shape is None else model.effects[column.place or 0].shape[column.shape]
         ends = self.profiles.get(index)
         return _identified(bare, self.solution.values[index] + start, variance, self.freedoms[index], ends=ends)
-
-    def _is_uncertain(self, index: int) -> bool:
-        """Whether an effect's parameter is known hardly better than before any data, or a shape best at a bound."""
-        model, column = self.fitted.model, self.fitted.model.columns[index]
-        if column.place is None:
-            return False
-        error = float(np.sqrt(self.solution.linear.inverse[index, index]))
-        if index in self.profiles:
-            error = _error_of(self.profiles[index], self.freedoms[index])
-        return column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
 
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""

@@ -268,7 +268,11 @@ def fit_effects(
     shape.
     """
     wanted = terms_of(choices)
-    bins = bins_for(model, runs, wanted, campaign=campaign)
+    fine, binned = {term.joint for term in wanted if term.effect.periodic is not None}, list[JointBins]()
+    for limit, is_fine in ((COARSE, False), (FINE, True)):  # the finest at joints that have a periodic effect
+        part = [run for run in runs if (run.joint in fine) == is_fine]
+        binned += joint_bins(model.robot, part, most=limit, campaign=campaign, is_settled=False) if part else ()
+    bins = sorted(binned, key=lambda part: part.joint)
     if not choices:
         return EffectFit(fit_bins(model, bins, recursive=recursive, progress=progress))
     tell = progress or (lambda joint, text: None)
@@ -289,18 +293,6 @@ def fit_effects(
     work.finish(recursive=recursive, progress=progress)
     check_better(before, work.fit, [term.effect.name for term in wanted])
     return EffectFit(eased(work.fit), work.ranges, is_settled, work)
-
-
-def bins_for(
-    model: Model, runs: Sequence[Run], terms: Sequence[EffectTerm], *, campaign: Campaign
-) -> tuple[JointBins, ...]:
-    """The bins that a fit with these effects needs: the finest at joints that have a periodic one."""
-    fine = {term.joint for term in terms if term.effect.periodic is not None}
-    out: list[JointBins] = []
-    for limit, chosen in ((COARSE, False), (FINE, True)):
-        part = [run for run in runs if (run.joint in fine) == chosen]
-        out += joint_bins(model.robot, part, most=limit, campaign=campaign, is_settled=False) if part else ()
-    return tuple(sorted(out, key=lambda part: part.joint))
 
 
 def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:

@@ -33,7 +33,8 @@ class Bench:
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
         self.truth, self.plan, self.rate = truth, plan, rate
         starts = run_times(truth.robot, plan)[:, 0]
-        self._first = first_starts(plan, starts, n_joints=truth.robot.n_joints)
+        first_run = first_starts(plan, starts, n_joints=truth.robot.n_joints)
+        late = delays(truth.hidden, truth.robot.n_joints)
         self._runs: list[Run] = []
         self._currents: list[Floats] = []
         movements = [movement for movement in trapezoids(truth.robot, plan) if movement.motion is not None]
@@ -51,7 +52,14 @@ class Bench:
                 warm = warming(run.bins.time)
                 run = replace(run, temperature=float(warm.mean()), bins=replace(run.bins, temperature=warm))
             self._runs.append(run)
-            self._currents.append(self._current(movement, local, start=start))
+            position, velocity = movement.at(local)
+            j = run.joint - 1
+            position[:, j] -= velocity[:, j] * late[j]
+            travel = np.zeros_like(position)
+            travel[:, j] = np.abs(position[:, j] - float(movement.start[j]))
+            warmed = np.tile(warming(start + local)[:, None], truth.robot.n_joints)
+            at = ArmState(start + local, first_run, position, velocity, np.zeros_like(position), travel, warmed)
+            self._currents.append(truth.current(run.joint, at))
 
     @property
     def samples(self) -> int:
@@ -71,19 +79,6 @@ class Bench:
             out.append(replace(run, bins=replace(run.bins, current=mean, variance=np.maximum(square - mean**2, 0.0))))
             first += run.samples
         return tuple(out)
-
-    def _current(self, movement: Trapezoid, local: Floats, *, start: float) -> Floats:
-        """(N,) A without noise."""
-        motion, truth, time = movement.motion, self.truth, start + local
-        assert motion is not None
-        position, velocity = movement.at(local)
-        j, late = motion.joint - 1, position.copy()
-        late[:, j] -= velocity[:, j] * delays(truth.hidden, truth.robot.n_joints)[j]
-        travel = np.zeros_like(position)
-        travel[:, j] = np.abs(late[:, j] - motion.start)
-        warm = np.tile(warming(time)[:, None], truth.robot.n_joints)
-        at = ArmState(time, self._first, late, velocity, np.zeros_like(late), travel, warm)
-        return truth.current(motion.joint, at)
 
 
 def constant_run(movement: Trapezoid, local: Floats, count: Counts, *, start: float = 0.0, first_row: int = 2) -> Run:

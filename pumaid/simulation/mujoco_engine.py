@@ -41,7 +41,10 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
     ModelError [physics-wrong]
         A motor's inertia counts against its gain.
     """
-    armature, dry = motor_inertia(truth) / truth.gain, truth.coulomb / np.abs(truth.gain)
+    least = truth.sides * _LEAST_INERTIA * np.maximum(truth.coulomb, 0.1) / accelerations(truth.robot)
+    visible = np.where(truth.inertia == 0, least, truth.inertia)
+    motors = visible + np.sign(visible) * values_of(truth.hidden, "inertia", "J", n_joints=len(visible))
+    armature, dry = motors / truth.gain, truth.coulomb / np.abs(truth.gain)
     if np.any(armature < 0):
         j = int(np.argmin(armature)) + 1
         what = f"inertia and gain of joint {j} have opposite signs"
@@ -94,13 +97,6 @@ def _tensors(truth: Truth) -> Floats:
 
 def _text(values: object) -> str:
     return " ".join(repr(float(value)) for value in np.asarray(values, dtype=float))
-
-
-def motor_inertia(truth: Truth) -> Floats:
-    """(J,) A s2/rad or A s2/m of the motors, signed as they count, hidden inertia included; never none."""
-    least = truth.sides * _LEAST_INERTIA * np.maximum(truth.coulomb, 0.1) / accelerations(truth.robot)
-    visible = np.where(truth.inertia == 0, least, truth.inertia)
-    return visible + np.sign(visible) * values_of(truth.hidden, "inertia", "J", n_joints=len(visible))
 
 
 class RigidArm:

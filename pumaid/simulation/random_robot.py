@@ -41,7 +41,20 @@ def draw(robot: Robot, seed: int) -> Truth:
     mass = _LINK_DENSITY * np.maximum(length, shortest) * _TAPER ** np.arange(n) * rng.uniform(0.8, 1.25, n)
     across = shortest * rng.uniform(0.15, 0.6, (n, 3)) * rng.choice([-1.0, 1.0], (n, 3))
     links = Links(_shortened(mass), _shortened(along * rng.uniform(0.3, 0.6, (n, 1)) + across))
-    capacity = _capacity(robot, links, rng)
+    # A motor is rated for the greatest load that gravity asks in any of many postures, with something to spare.
+    # Turning joints stand at any angle, sliding joints where a plan may move them.
+    share = rng.uniform(-np.pi, np.pi, (400, n)) / np.pi
+    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
+    position = 0.5 * ends.sum(axis=1) + 0.5 * np.diff(ends, axis=1)[:, 0] * share
+    load = np.max(np.abs(gravity_load(robot, links, position)), axis=0)
+    # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
+    load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
+    # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
+    kinds = robot.is_revolute
+    for kind in np.unique(kinds):
+        largest = np.max(load[kinds == kind])
+        load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
+    capacity = load * rng.uniform(1.3, 2.2, n)
     sign = np.where(rng.random(n) < 0.25, -1.0, 1.0)
     gain = _shortened(sign * rng.uniform(*_RATED, n) / capacity)
     gears = np.array([joint.gear_ratio or _GEAR for joint in robot.joints])
@@ -66,20 +79,3 @@ def draw(robot: Robot, seed: int) -> Truth:
 def _shortened(values: Floats) -> Floats:
     """Each to `_DIGITS` significant digits."""
     return np.array([float(f"{value:.{_DIGITS}g}") for value in values.flat]).reshape(values.shape)
-
-
-def _capacity(robot: Robot, links: Links, rng: np.random.Generator) -> Floats:
-    """(J,) rated load: the greatest that gravity asks in any of many postures, with something to spare."""
-    # Turning joints stand at any angle, sliding joints where a plan may move them.
-    share = rng.uniform(-np.pi, np.pi, (400, robot.n_joints)) / np.pi
-    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
-    position = 0.5 * ends.sum(axis=1) + 0.5 * np.diff(ends, axis=1)[:, 0] * share
-    load = np.max(np.abs(gravity_load(robot, links, position)), axis=0)
-    # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
-    load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
-    # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
-    kinds = robot.is_revolute
-    for kind in np.unique(kinds):
-        largest = np.max(load[kinds == kind])
-        load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
-    return load * rng.uniform(1.3, 2.2, robot.n_joints)

@@ -163,7 +163,9 @@ class _Session:
         self._has_temperature = has_temperature or truth.hides("thermal_friction")
         n = truth.robot.n_joints
         self._movements = list(trapezoids(truth.robot, plan))
-        lengths = np.array([self._samples(movement) for movement in self._movements]) / rate
+        # Every movement, with its rests, is a whole number of samples.
+        self._counts = [max(1, math.ceil(movement.seconds * rate - 1e-9)) for movement in self._movements]
+        lengths = np.array(self._counts) / rate
         starts = np.cumsum(lengths) - lengths + [movement.lead for movement in self._movements]
         is_run = np.array([movement.motion is not None for movement in self._movements])
         self._first = first_starts(plan, starts[is_run], n_joints=n)
@@ -180,20 +182,15 @@ class _Session:
         weight = truth.gravity_current(np.array([motion.hold for motion in plan.motions], dtype=float))
         self._usual = np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb
 
-    def _samples(self, movement: Trapezoid) -> int:
-        """Every movement, with its rests, is a whole number of samples."""
-        return max(1, math.ceil(movement.seconds * self._rate - 1e-9))
-
     def logs(self, runs_per_file: int, *, has_velocity: bool) -> Iterator[Log]:
         """Samples of one movement after the other; `origin` names the file."""
         sample, row, origin, truth, noise = 0, 2, "", self._truth, self._truth.noise
         n, step = len(noise.std), noise.current_step
-        for movement in self._movements:
+        for movement, count in zip(self._movements, self._counts, strict=True):
             name = f"session_{(movement.number - 1) // runs_per_file + 1:02d}"
             row, origin = (row, origin) if name == origin else (2, name)
             with np.errstate(all="ignore"):  # what overflows is told below, once
-                position, velocity, current, temperature = self._execute(movement)
-            count = len(position)
+                position, velocity, current, temperature = self._execute(movement, count)
             time = np.round((sample + np.arange(count)) / self._rate, 9)
             far = ~(np.abs(position) <= _FARTHEST) | ~(np.abs(current) <= _MOST)
             if far.any():
@@ -220,10 +217,10 @@ class _Session:
             )
             sample, row = sample + count, row + count
 
-    def _execute(self, movement: Trapezoid) -> tuple[Floats, Floats, Floats, Floats]:
+    def _execute(self, movement: Trapezoid, count: int) -> tuple[Floats, Floats, Floats, Floats]:
         """(N, J) positions and velocities by the encoders, currents, and temperatures by their sensors."""
         arm, controller, state, n = self._arm, self._controller, self._arm.state, self._truth.robot.n_joints
-        count, ticks = self._samples(movement), self._ticks
+        ticks = self._ticks
         targets, limits = controller.limits(movement, count * ticks)
         # Tuned for the lighter end: too large a J swings, too small a one only lags.
         inertia = np.minimum(*(np.diag(arm.inertia(place)) for place in (movement.start, movement.end)))
