@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.estimate import Estimate, JointFit, Value
-from pumaid.results.history import Errors, Ladder, Rung, keep
+from pumaid.results.history import Ladder, Rung, keep
 from pumaid.robot import EffectChoice, Joint, Robot
 
 ARM = Robot("arm", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute")), origin="recipe.yaml", digest="aa" * 32)
@@ -41,8 +41,9 @@ def ladder(n_models: int, n_joints: int, *, heldout: bool = True, floor: bool = 
         added = () if number == 1 else (EffectChoice("torque_constant_drift", 1 + number % n_joints),)
         effects += added
         rmse = 0.01 + 0.1 * 0.5**number
-        told = Errors(rmse, 1.1 * rmse if heldout else None, 0.01 if floor else None)
-        fit = JointFit(1, 9, 300, told.rmse, told.noise_floor, heldout_runs=2, heldout=told.heldout)
+        judged = 1.1 * rmse if heldout else None
+        fit = JointFit(1, 9, 300, rmse, 0.01 if floor else None, heldout_runs=2, heldout=judged)
         joints = tuple(replace(fit, joint=joint) for joint in range(1, n_joints + 1))
-        rungs.append(Rung(number, "", f"{number}", number - 1 or None, effects, added, (), joints, told))
+        estimate = model(*effects, joints=joints)
+        rungs.append(Rung(number, Path(), f"{number}", estimate, parent=number - 1 or None, added=added))
     return Ladder("arm", "", {}, tuple(rungs))

@@ -17,7 +17,7 @@ from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.table import Table
 from pumaid.reporting.tables import parameter_table
 from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
-from pumaid.results.history import History, Ladder, Rung
+from pumaid.results.history import History, Rung
 from pumaid.robot import Robot
 
 #: Forms of a table, with their suffix.
@@ -191,22 +191,24 @@ def _part_document(budget: Budget, part: BudgetPart) -> dict[str, Any]:
 
 def history_document(history: History) -> dict[str, Any]:
     """The entries of a history's JSON document after its heading."""
-    return _entries(history, "folder current notes") | {"ladders": [_ladder_document(item) for item in history.ladders]}
-
-
-def _ladder_document(ladder: Ladder) -> dict[str, Any]:
-    return _entries(ladder, "robot recipe logs") | {
-        "apart": ladder.apart or None,
-        "path": [rung.number for rung in ladder.path],
-        "models": [_rung_document(rung) for rung in ladder.rungs],
-    }
+    ladders = [
+        _entries(ladder, "robot recipe logs")
+        | {
+            "apart": ladder.apart or None,
+            "path": [rung.number for rung in ladder.path],
+            "models": [_rung_document(rung) for rung in ladder.rungs],
+        }
+        for ladder in history.ladders
+    ]
+    return _entries(history, "folder current notes") | {"ladders": ladders}
 
 
 def _rung_document(rung: Rung) -> dict[str, Any]:
     head = {"model": rung.number, "sha256": rung.digest, "from": rung.parent, "current": rung.is_current}
-    joints = [_entries(fit, "joint runs samples rmse heldout heldout_runs noise_floor") for fit in rung.joints]
-    whole = _entries(rung.whole, "rmse heldout noise_floor")
-    return head | _entries(rung, "file effects added removed") | whole | {"joints": joints}
+    names = "joint runs samples rmse heldout heldout_runs noise_floor"
+    joints = [_entries(fit, names) for fit in rung.estimate.joints]
+    head |= {"file": rung.path.name, "effects": rung.estimate.effects, "added": rung.added, "removed": rung.removed}
+    return head | rung.whole | {"joints": joints}
 
 
 def session_document(robot: str, seed: int, files: Sequence[tuple[str, int, float, float]]) -> dict[str, object]:

@@ -16,7 +16,6 @@ from pumaid.diagnosis.records import (
     Candidate,
     Diagnosis,
     Finding,
-    Limit,
     Unexplained,
 )
 from pumaid.effects import catalogue
@@ -85,24 +84,20 @@ EMPTY = Paragraph("")
 BUDGET_BAR, NOISE, SIGNIFICANT = 40, "░", "█"
 
 
-def amount(value: float | None, tone: str = "") -> Cell:
-    """A current (A) as a cell."""
-    return NONE if value is None else Cell(number(value, 3), tone=tone)
+def amount(value: float | None, tone: str = "", *, beside: float | None = None) -> Cell:
+    """A current (A) as a cell; 0 where it is round-off `beside` another one."""
+    is_rounding = value is not None and abs(value) < NO_BIAS * (beside or 0.0)
+    return NONE if value is None else Cell("0" if is_rounding else number(value, 3), tone=tone)
 
 
-class Marks:
-    """Letters of the notes below a table, one a reason."""
+def marked(marks: dict[str, str], text: str | None) -> str:
+    """The letter of the note `text` below a table, in which `marks` maps notes to letters; none for no text."""
+    return marks.setdefault(text, letters(len(marks))) if text else ""
 
-    def __init__(self) -> None:
-        self._letters: dict[str, str] = {}
 
-    def letter(self, text: str | None) -> str:
-        """The letter of a note; none for no text."""
-        return self._letters.setdefault(text, letters(len(self._letters))) if text else ""
-
-    def notes(self) -> list[tuple[str, str]]:
-        """(letter, text) pairs."""
-        return [(letter, text) for text, letter in self._letters.items()]
+def notes_of(marks: dict[str, str]) -> list[tuple[str, str]]:
+    """(letter, text) pairs."""
+    return [(letter, text) for text, letter in marks.items()]
 
 
 # A model
@@ -114,14 +109,20 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     for value in estimate.values:
         if value.joint is not None:
             rows.setdefault(row_of(value), {})[value.joint] = value
-    marks, structural = Marks(), dict[str, str]()
+    marks, structural = dict[str, str](), dict[str, str]()
     gravity = float(np.linalg.norm(robot.gravity))
     body: list[Row] = []
-    for key in sorted(rows, key=_row_order):
+    ratios = {key: int(key[1] or 1) for key in rows if key[0] == "gain_ratio"}
+    labels = LABELS | {
+        key: (f"ηᵢ/ηᵢ₊{str(step).translate(_SUBSCRIPTS)}", rf"$\eta_i/\eta_{{i+{step}}}$")
+        for key, step in ratios.items()
+    }
+    place = {key: _ORDER.index(first) for key in rows if (first := (key[0], "") if key in ratios else key) in _ORDER}
+    for key in sorted(rows, key=lambda key: (place.get(key, len(_ORDER)), key)):
         scale = gravity if key[0] == "gravity" else 1.0
         names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
         unit = " | ".join(dict.fromkeys(name for name in names if name))
-        text, tex = _labels(key)
+        text, tex = labels.get(key, (" ".join(key), ""))
         head = Cell(f"{text} ({unit})" if unit else text, latex=f"{tex} ({unit})" if tex and unit else tex)
         cells = [_value_cell(rows[key].get(n), units, marks, scale=scale) for n in range(1, robot.n_joints + 1)]
         body.append([head, *cells])
@@ -131,9 +132,9 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     body.append(["runs", *(str(fit.runs) for fit in estimate.joints)])
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in _ORDER)
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
-    legend += ["n/i: not identifiable from these logs"] if marks.notes() else []
+    legend += ["n/i: not identifiable from these logs"] if marks else []
     caption = f"In units of each joint's motor current. {'; '.join(legend)}.{_arm_wide(estimate, units)}"
-    notes = [*marks.notes(), *((mark, reason) for reason, mark in structural.items())]
+    notes = [*notes_of(marks), *((mark, reason) for reason, mark in structural.items())]
     header = ["link", *(str(joint.number) for joint in robot.joints)]
     return Table(f"{robot.name}: parameters ± standard error", header, body, notes, caption)
 
@@ -143,7 +144,7 @@ def _arm_wide(estimate: Estimate, units: str) -> str:
     texts = []
     for value in estimate.values:
         if value.joint is None and not value.name.startswith("gain_ratio"):
-            cell = _value_cell(value, units, Marks())
+            cell = _value_cell(value, units, {})
             reason = f" ({value.reason})" if value.value is None else f" {in_unit(value.unit, units)[1]}"
             texts.append(f"{value.name} {cell.lines(stacked=False).removesuffix(' a')}{reason}")
     return f" Whole arm: {'; '.join(texts)}." if texts else ""
@@ -158,26 +159,14 @@ def row_of(value: Value) -> tuple[str, str]:
     return parts[0], "" if step == 1 else str(step)
 
 
-def _row_order(row: tuple[str, str]) -> tuple[int, tuple[str, str]]:
-    """Rows of the paper first, in its order."""
-    first = ("gain_ratio", "") if row[0] == "gain_ratio" else row
-    return (_ORDER.index(first) if first in _ORDER else len(_ORDER), row)
-
-
-def _labels(row: tuple[str, str]) -> tuple[str, str]:
-    if row[0] == "gain_ratio" and row[1]:
-        return f"ηᵢ/ηᵢ₊{row[1].translate(_SUBSCRIPTS)}", rf"$\eta_i/\eta_{{i+{row[1]}}}$"
-    return LABELS.get(row, (" ".join(row), ""))
-
-
-def _value_cell(value: Value | None, units: str, marks: Marks, *, scale: float = 1.0) -> Cell:
+def _value_cell(value: Value | None, units: str, marks: dict[str, str], *, scale: float = 1.0) -> Cell:
     """A value times `scale` with its error, ``n/i`` with the mark of its reason, or a dash."""
     if value is None or (value.value is None and is_structural(value)):
         return NONE
     if value.value is None:
         reason = value.reason or "these data do not determine it"
         remedy = f". To identify it: {value.next_run}" if value.next_run else ""
-        return Cell("n/i", mark=marks.letter(reason.rstrip(".") + remedy), tone="unknown")
+        return Cell("n/i", mark=marked(marks, reason.rstrip(".") + remedy), tone="unknown")
     scale *= in_unit(value.unit, units)[0]
     text, error = with_error(value.value * scale, None if value.std_error is None else value.std_error * scale)
     is_weak = value.state == IDENTIFIED and value.ci95 is not None and value.ci95[0] < 0.0 < value.ci95[1]
@@ -209,7 +198,7 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
         tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
         head: Row = [joint_label(robot, score.joint), str(score.runs), amount(score.rmse, tone)]
         explained = NONE if score.explained is None else percent(score.explained)
-        floor, bias = amount(score.noise_floor), _bias(score.bias, score.rmse)
+        floor, bias = amount(score.noise_floor), amount(score.bias, beside=score.rmse)
         rows.append([*head, floor, bias, explained, amount(score.heldout)])
     if comparison.rmse is not None:
         runs = str(sum(score.runs for score in comparison.joints))
@@ -227,28 +216,23 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     return replace(table, caption=f"{caption} Hold-out: RMSE of runs that were not fitted.")
 
 
-def _bias(bias: float | None, rmse: float | None) -> Cell:
-    """A mean error (A); 0 where it is round-off beside the RMSE, as for fitted runs."""
-    return Cell("0") if bias is not None and abs(bias) < NO_BIAS * (rmse or 0.0) else amount(bias)
-
-
 def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Table:
     """The `count` runs with the largest error, with file and seconds."""
-    marks = Marks()
+    marks: dict[str, str] = {}
     rows: list[Row] = []
     worst = comparison.worst(count)
     names = relative_names([score.run.origin for score in worst])
     for rank, score in enumerate(worst, start=1):
-        run, mark = score.run, marks.letter(score.reason)
+        run, mark = score.run, marked(marks, score.reason)
         scale, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", units)
         where = [joint_label(robot, run.joint), names[run.origin]]
         where += [run_time(run), f"{number(run.speed * scale, 3)} {unit}"]
         rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
         posture = posture_text(robot, run.posture.tolist(), units)
-        rows.append([str(rank), *where, rmse, _bias(score.bias, score.rmse), posture])
+        rows.append([str(rank), *where, rmse, amount(score.bias, beside=score.rmse), posture])
     header = ("", "joint", "file", "time (s)", "speed", "RMSE (A)", "bias (A)", "other joints at")
     caption = "Sorted by RMSE relative to the joint's noise floor."
-    return Table("Runs with the largest error", header, rows, marks.notes(), caption, (0, 1, 2, 3, 7))
+    return Table("Runs with the largest error", header, rows, notes_of(marks), caption, (0, 1, 2, 3, 7))
 
 
 # A diagnosis
@@ -256,10 +240,14 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
 
 def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
     """Candidates that explain more than their parameters cost; None where none does."""
-    marks = Marks()
+    marks: dict[str, str] = {}
     rows: list[Row] = []
-    for item in _candidates(diagnosis):
-        mark = marks.letter(item.reason) if item.verdict != ADD else ""
+    candidates = [item for joint in diagnosis.joints for item in joint.candidates]
+    unique: dict[tuple[str, int | None], Candidate] = {}
+    for item in (item for item in candidates if item.verdict == ADD or item.evidence > 0.0):
+        unique.setdefault((item.effect, item.joint), item)
+    for item in sorted(unique.values(), key=lambda item: (item.joint is None, item.joint or 0)):
+        mark = marked(marks, item.reason) if item.verdict != ADD else ""
         joint = joint_label(robot, item.joint)
         verdict = Cell(VERDICTS.get(item.verdict, item.verdict), "", mark, _VERDICT_TONES.get(item.verdict, "weak"))
         scores = [number(x, digits) if np.isfinite(x) else "-" for x, digits in ((item.p_value, 2), (item.evidence, 3))]
@@ -275,17 +263,7 @@ def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
         "p: over all effects and joints (family-wise). dBIC: evidence for the effect; above 10 is decisive. RMSE: of"
         " fitted runs, with the effect. Cross-validated: RMSE of runs left out of the fit, without → with the effect."
     )
-    return Table("Candidates", header, rows, marks.notes(), caption, (0, 1, 2, 7))
-
-
-def _candidates(diagnosis: Diagnosis) -> list[Candidate]:
-    """Candidates worth showing, each once, by joint; those of the whole arm last."""
-    chosen: dict[tuple[str, int | None], Candidate] = {}
-    for joint in diagnosis.joints:
-        for item in joint.candidates:
-            if item.verdict == ADD or item.evidence > 0.0:
-                chosen.setdefault((item.effect, item.joint), item)
-    return sorted(chosen.values(), key=lambda item: (item.joint is None, item.joint or 0))
+    return Table("Candidates", header, rows, notes_of(marks), caption, (0, 1, 2, 7))
 
 
 def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joints: Sequence[int] = ()) -> Table | None:
@@ -293,7 +271,7 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joint
     limits = [limit for joint in diagnosis.joints if not joints or joint.joint in joints for limit in joint.limits]
     if not limits:
         return None
-    marks, rows, order = Marks(), list[Row](), list(catalogue())
+    marks, rows, order = dict[str, str](), list[Row](), list(catalogue())
     columns = sorted({limit.joint or 0 for limit in limits}, key=lambda joint: (joint == 0, joint))
     effects = {limit.effect for limit in limits}
     for effect in sorted(effects, key=lambda name: (order.index(name) if name in order else len(order), name)):
@@ -302,19 +280,18 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joint
         for key in sized or [(group[0].parameter, group[0].unit)]:
             scale, unit = in_unit(bare(key[1]), units)
             at = {item.joint or 0: item for item in group if item.size is None or (item.parameter, item.unit) == key}
-            cells = [_limit_cell(at.get(joint), scale, marks) for joint in columns]
-            rows.append([effect, f"{key[0]} ({unit})" if unit else key[0], *cells])
+            cells = {
+                joint: Cell("-", mark=marked(marks, limit.reason), tone="unknown")
+                if limit.size is None
+                else number(scale * limit.size, 2)
+                for joint, limit in at.items()
+            }
+            rows.append(
+                [effect, f"{key[0]} ({unit})" if unit else key[0], *(cells.get(joint, "") for joint in columns)]
+            )
     names = [joint_label(robot, joint) for joint in columns]
     caption = "Smallest size that is detected with a probability of 80 %."
-    return Table("Detection limits", ("effect", "size of", *names), rows, marks.notes(), caption, (0, 1))
-
-
-def _limit_cell(limit: Limit | None, scale: float, marks: Marks) -> Cell:
-    if limit is None:
-        return Cell("")
-    if limit.size is None:
-        return Cell("-", mark=marks.letter(limit.reason), tone="unknown")
-    return Cell(number(scale * limit.size, 2))
+    return Table("Detection limits", ("effect", "size of", *names), rows, notes_of(marks), caption, (0, 1))
 
 
 def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> Table | None:
@@ -360,18 +337,17 @@ def history_table(ladder: Ladder) -> Table:
     """One row a model: what it adds to the one it was made from, and the whole arm's errors."""
     rows: list[Row] = []
     for rung in ladder.rungs:
-        errors, ratio = rung.whole, NONE
-        if errors.rmse is not None and errors.noise_floor:
-            ratio = Cell(f"{errors.rmse / errors.noise_floor:.2f}")
+        rmse, heldout, floor = rung.whole.values()
+        ratio = Cell(f"{rmse / floor:.2f}") if rmse is not None and floor else NONE
         head: Row = [Cell(str(rung.number), mark="*" if rung.is_current else ""), str(rung.parent or "")]
-        amounts = map(amount, (errors.rmse, errors.heldout, errors.noise_floor))
+        amounts = map(amount, (rmse, heldout, floor))
         rows.append([*head, ", ".join(changes(rung)), *amounts, ratio])
     caption = f"Not comparable with the models above: {ladder.apart}. " if ladder.apart else ""
     caption += "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
     header = ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor")
     notes = [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else []
     table = Table(f"{ladder.robot}: error of each model", header, rows, notes, caption, (0, 1, 2))
-    if any(fit.heldout is not None for rung in ladder.rungs for fit in rung.joints):
+    if any(fit.heldout is not None for rung in ladder.rungs for fit in rung.estimate.joints):
         return table
     caption += " No run was held out, so nothing shows how the models do on new runs."
     return replace(table.columns((0, 1, 2, 3, 5, 6)), caption=caption)
@@ -381,7 +357,7 @@ def history_joint_table(ladder: Ladder) -> Table:
     """One row a joint, one column a model: RMSE of fitted runs, then of held-out runs where there are any."""
     rows: list[Row] = []
     for kind, name in (("fitted", "rmse"), ("held out", "heldout")):
-        for fits in zip(*(rung.joints for rung in ladder.rungs), strict=True):
+        for fits in zip(*(rung.estimate.joints for rung in ladder.rungs), strict=True):
             errors = [getattr(fit, name) for fit in fits]
             if any(error is not None for error in errors):
                 rows.append([str(fits[-1].joint), kind, *map(amount, errors), amount(fits[-1].noise_floor)])
@@ -431,10 +407,8 @@ def budget_parts(comparison: Comparison, robot: Robot) -> list[Paragraph]:
                 EMPTY,
             ]
     parts += [Paragraph(sentences.BUDGET_CAPTION, style="dim"), EMPTY] if parts else []
-    noise_only = sentences.noise_only_sentence(comparison, robot)
     limits = sentences.budget_limit_sentences(comparison, robot)
-    parts += [Paragraph(noise_only)] if noise_only else []
-    parts += [Paragraph("What these runs cannot separate:")] if limits else []
+    parts += [Paragraph("What is noise, and what these runs cannot separate:")] if limits else []
     parts += [Paragraph(f"- {text}", 2) for text in limits]
     return [EMPTY, Paragraph("Residual budget", style="bold"), *parts] if parts else []
 

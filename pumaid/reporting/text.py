@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 from pumaid.dataset import Dataset
@@ -189,36 +189,29 @@ def parameters_sentence(estimate: Estimate) -> str:
 
 def joint_sentence(score: JointScore, robot: Robot) -> str:
     """How well the model predicts one joint's current, and whether something is missing."""
-    title = joint_title(robot, score.joint)
+    title, share = joint_title(robot, score.joint), score.explained
     if score.rmse is None:
         return f"{title} never moves alone in these logs, so its error is unknown."
-    words = f"{title}: {_explained(score.explained)}; RMSE {amperes(score.rmse)}, noise floor "
-    if score.noise_floor is None:
-        words += "unknown (no repeated run)."
-    else:
+    explained = f"the model explains {percent(share)} of the current's variance"
+    if share is None or share < 0.0:
+        worse = "the model is no better than a constant current"
+        explained = "the measured current is constant" if share is None else worse
+    floor = "unknown (no repeated run)"
+    if score.noise_floor is not None:
         ratio = (score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING)
         above = f"{number(ratio, 2)} times the floor, so the model lacks something"
         verdict = next((text for limit, text in FLOOR_VERDICTS.items() if ratio <= limit), above)
-        words += f"{amperes(score.noise_floor)}: {verdict}"
         if BELOW_FLOOR < ratio <= AT_FLOOR:
             is_noise = score.budget is None or is_noise_only(score.budget)
-            words += (
-                ", nothing missing that repeated runs can show" if is_noise else ", yet part of it is more than noise"
-            )
-        words += "."
+            noise = "nothing missing that repeated runs can show"
+            verdict += f", {noise if is_noise else 'yet part of it is more than noise'}"
+        floor = f"{amperes(score.noise_floor)}: {verdict}"
+    words = f"{title}: {explained}; RMSE {amperes(score.rmse)}, noise floor {floor}."
     if score.heldout is not None and score.heldout_runs < score.runs:
         words += f" Hold-out RMSE ({plural(score.heldout_runs, 'run')}): {amperes(score.heldout)}."
     if score.undetermined:
         words += f" {plural(score.undetermined, 'run')} depend on parameters that are not identified."
     return words
-
-
-def _explained(share: float | None) -> str:
-    if share is None:
-        return "the measured current is constant"
-    if share < 0.0:
-        return "the model is no better than a constant current"
-    return f"the model explains {percent(share)} of the current's variance"
 
 
 # Residual budget
@@ -282,29 +275,29 @@ def budget_sentence(score: JointScore, robot: Robot) -> str:
     return f"{joint_title(robot, score.joint)}, RMSE {amperes(score.rmse)}: {'; '.join(words)}.{similar}"
 
 
-def noise_only_sentence(comparison: Comparison, robot: Robot) -> str:
-    """Which joints' residuals are noise alone; empty where none is."""
-    joints = [joint for joint, budget in budgets(comparison).items() if is_noise_only(budget)]
-    who = _who(joints, comparison, robot)
-    return f"{who}: the residual is noise, as far as these runs can show." if joints else ""
-
-
 def budget_limit_sentences(comparison: Comparison, robot: Robot) -> list[str]:
-    """What the runs cannot separate, without a full stop; one sentence for all joints that lack the same."""
-    out = []
-    for slug, text in BUDGET_LIMITS.items():
-        joints = [joint for joint, budget in budgets(comparison).items() if slug in budget.limits]
-        out += [f"{_who(joints, comparison, robot)}: {text}"] if joints else []
-    return out
+    """Which joints' residuals are noise alone, and what the runs cannot separate; one sentence for all alike joints."""
+    joints = budgets(comparison)
+    noise = "the residual is noise, as far as these runs can show"
+    texts = [(joint, noise) for joint, budget in joints.items() if is_noise_only(budget)]
+    texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]
+    return by_joint(texts, robot, count=len(joints))
+
+
+def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) -> list[str]:
+    """Each text once, after the joints of which it is said; `count` is the number that are all joints."""
+    groups: dict[str, list[int]] = {}
+    for joint, text in texts:
+        groups.setdefault(text, []).append(joint)
+    return [
+        f"{'All joints' if len(joints) == count > 1 else joint_titles(robot, joints)}: {text}"
+        for text, joints in groups.items()
+    ]
 
 
 def budgets(comparison: Comparison) -> dict[int, Budget]:
     """Joint (from 1) -> its residual budget, of joints that have runs."""
     return {score.joint: score.budget for score in comparison.joints if score.budget is not None}
-
-
-def _who(joints: Sequence[int], comparison: Comparison, robot: Robot) -> str:
-    return "All joints" if len(joints) == len(budgets(comparison)) > 1 else joint_titles(robot, joints)
 
 
 # History of models
@@ -314,8 +307,11 @@ def changes(rung: Rung) -> list[str]:
     """What a model adds to the one it was made from (``+ stribeck@3``) and what it removes."""
     is_first = rung.parent is None
     words = ["base model"] if is_first else []
-    words += [f"+ {name}" for name in effect_words(rung.effects if is_first else rung.added, len(rung.joints))]
-    words += [f"− {name}" for name in effect_words(rung.removed, len(rung.joints)) if not is_first]
+    words += [
+        f"+ {name}"
+        for name in effect_words(rung.estimate.effects if is_first else rung.added, len(rung.estimate.joints))
+    ]
+    words += [f"− {name}" for name in effect_words(rung.removed, len(rung.estimate.joints)) if not is_first]
     return words or ["fitted again"]
 
 
@@ -354,21 +350,18 @@ def bare(unit: str) -> str:
 # Findings
 
 
-def finding_title(finding: Finding, robot: Robot) -> str:
-    """Where and what, with the effects that these data do not separate from it."""
-    verb = "is missing" if finding.verdict == ADD else "may be missing"
-    return f"{_capital(place(finding, robot))}: {label(finding.effect)} {verb}{_rivals(finding)}"
+def finding_title(finding: Finding, robot: Robot, *, is_applied: bool = False) -> str:
+    """Where and what, with the effects that these data do not separate from it; `is_applied`: the model now has it."""
+    head = f"{_capital(place(finding, robot))}: {label(finding.effect)}"
+    if is_applied:
+        return f"{head} was missing and is now in the model"
+    return f"{head} {'is missing' if finding.verdict == ADD else 'may be missing'}{_rivals(finding)}"
 
 
 def _rivals(finding: Finding) -> str:
     """What these data do not separate from a finding, in parentheses; empty without rivals."""
     names = listed([label(name) for name in finding.rivals], "or")
     return f" (these data do not separate it from {names})" if names else ""
-
-
-def applied_title(finding: Finding, robot: Robot) -> str:
-    """Title of an effect that an earlier diagnosis found and the model now has."""
-    return f"{_capital(place(finding, robot))}: {label(finding.effect)} was missing and is now in the model"
 
 
 def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
@@ -548,10 +541,9 @@ def variable_name(shape: Unexplained) -> str:
 
 def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """Joints without a finding or a shape of their own, suspected columns, and effects that were added before."""
-    named = {finding.joint for finding in diagnosis.findings}
-    pointer = " The findings above act there too." if diagnosis.findings else ""
+    joints = {finding.joint for finding in diagnosis.findings}
     is_clean = all(joint.verdict == ADEQUATE and joint.rmse is not None for joint in diagnosis.joints)
-    groups: dict[str, list[int]] = {}
+    texts = []
     for joint in diagnosis.joints:
         if joint.rmse is None:
             text = "never moved alone in these logs, so not diagnosed."
@@ -560,26 +552,21 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
         elif diagnosis.findings and is_at_floor(joint):
             text = "RMSE at the noise floor, but the findings above act there too."
         else:
+            pointer = " The findings above act there too." if diagnosis.findings else ""
             text = f"something is missing. {floor_sentence(joint)}{pointer}"
-        if joint.verdict != UNEXPLAINED_JOINT and joint.joint not in named and not is_clean:
-            groups.setdefault(text, []).append(joint.joint)
-    out = [f"{joint_titles(robot, joints)}: {text}" for text, joints in groups.items()]
-    applied = [_named(replace(finding, rivals=()), robot) for finding in diagnosis.applied]
-    out += _suspect_sentences(diagnosis)
-    return [*out, *([f"Added after an earlier diagnosis: {listed(applied)}."] if applied else [])]
-
-
-def _suspect_sentences(diagnosis: Diagnosis) -> list[str]:
-    """Of suspected columns that no finding names: whether any current depends on them."""
+        if joint.verdict != UNEXPLAINED_JOINT and joint.joint not in joints and not is_clean:
+            texts.append((joint.joint, text))
+    out = by_joint(texts, robot)
+    # Suspected columns that no finding names: whether any current depends on them.
     named = {name for finding in diagnosis.findings for name in (finding.effect, *finding.rivals)}
     limits = [limit for joint in diagnosis.joints for limit in joint.limits if limit.effect.startswith(SUSPECT)]
     testable = {limit.effect for limit in limits if limit.size is not None}
-    verdicts = {
-        True: "no joint's current depends on it, as far as these runs can show.",
-        False: "not testable, because it hardly varies in these runs or is not a number.",
-    }
-    columns = dict.fromkeys(limit.effect for limit in limits if limit.effect not in named)
-    return [f"Column {name.removeprefix(SUSPECT)}: {verdicts[name in testable]}" for name in columns]
+    for name in dict.fromkeys(limit.effect for limit in limits if limit.effect not in named):
+        verdict = "not testable, because it hardly varies in these runs or is not a number."
+        clear = "no joint's current depends on it, as far as these runs can show."
+        out.append(f"Column {name.removeprefix(SUSPECT)}: {clear if name in testable else verdict}")
+    applied = [_named(replace(finding, rivals=()), robot) for finding in diagnosis.applied]
+    return [*out, f"Added after an earlier diagnosis: {listed(applied)}."] if applied else out
 
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pumaid.errors import Note, PumaidError, ResultError, Where
-from pumaid.estimate import Estimate, JointFit
+from pumaid.estimate import Estimate
 from pumaid.io.write import locked, write_file
 from pumaid.results.documents import as_text, digest_of, plain, read_document
 from pumaid.results.model_file import estimate_from, model_document
@@ -26,34 +26,44 @@ _LONGEST = 80
 _NAME = re.compile(r"(\d+)-.*\.json")
 
 
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """RMSE (A) of the fitted and of the held-out runs, and the noise floor (A); None where not known."""
-
-    rmse: float | None
-    heldout: float | None
-    noise_floor: float | None
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Rung:
-    """One model of the history: the effects beyond the paper's model, and how well joints and the whole arm are fitted.
+    """An archived model: its file, the digests of its content, of its arm and of the model that it was made from.
 
-    `number` counts archived models from 1, `parent` is that of the model it was made from (None: the first, or gone),
-    `digest` the SHA-256 of its content; `added` and `removed` are the effects that it has more and less than its parent
-    (of the first, all that are in it). Of the whole arm's errors, joints are weighted by their fitted samples.
+    `number` counts archived models from 1, `parent` is that of the model it was made from (None: the first, or gone);
+    `added` and `removed` are the effects that it has more and less than its parent (of the first, all that are in it).
     """
 
     number: int
-    file: str
+    path: Path
     digest: str
-    parent: int | None
-    effects: tuple[EffectChoice, ...]
-    added: tuple[EffectChoice, ...]
-    removed: tuple[EffectChoice, ...]
-    joints: tuple[JointFit, ...]
-    whole: Errors
+    estimate: Estimate
+    arm: str = ""
+    before: str | None = None
+    parent: int | None = None
+    added: tuple[EffectChoice, ...] = ()
+    removed: tuple[EffectChoice, ...] = ()
     is_current: bool = False
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Arm, logs and numbers of fitted runs: equal for models whose errors can be compared."""
+        fitted = tuple((fit.runs, fit.samples) for fit in self.estimate.joints)
+        return self.arm, tuple(sorted(self.estimate.logs.values())), fitted
+
+    @property
+    def whole(self) -> dict[str, float | None]:
+        """RMSE of the fitted and of the held-out runs, and noise floor of the arm (A), joints weighted by samples.
+
+        None unless known of every fitted joint.
+        """
+        fitted = [fit for fit in self.estimate.joints if fit.rmse is not None]
+        samples = sum(fit.samples for fit in fitted)
+        pooled: dict[str, float | None] = {}
+        for name in ("rmse", "heldout", "noise_floor"):
+            squares = [fit.samples * getattr(fit, name) ** 2 for fit in fitted if getattr(fit, name) is not None]
+            pooled[name] = math.sqrt(sum(squares) / samples) if samples and len(squares) == len(fitted) else None
+        return pooled
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,29 +100,6 @@ class History:
     ladders: tuple[Ladder, ...]
     current: int | None = None
     notes: tuple[Note, ...] = ()
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Entry:
-    """An archived model: its file, the digest of its content, its parent's, and that of its arm."""
-
-    number: int
-    path: Path
-    estimate: Estimate
-    digest: str
-    parent: str | None
-    arm: str
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """Arm, logs and numbers of fitted runs: equal for models whose errors can be compared."""
-        fitted = tuple((fit.runs, fit.samples) for fit in self.estimate.joints)
-        return self.arm, tuple(sorted(self.estimate.logs.values())), fitted
-
-    @property
-    def effects(self) -> Counter[tuple[str, int | None]]:
-        """Effects without their shapes, which every fit estimates anew."""
-        return Counter((choice.effect, choice.joint) for choice in self.estimate.effects)
 
 
 # Writing
@@ -178,21 +165,28 @@ def _archive(folder: Path, model: tuple[dict[str, Any], Estimate], *, arm: str, 
     word = re.sub(r"[^\w@,+.-]", "_", "+".join(effect_words(estimate.effects)))
     word = word if len(word) <= _LONGEST else f"{len(estimate.effects)}-effects"
     path = folder / f"{number:03d}-{word or 'base'}.json"
-    new = Entry(number, path, estimate, digest, parent=None, arm=arm or estimate.recipe_digest)
+    new = Rung(number, path, digest, estimate, arm or estimate.recipe_digest)
     parent = _parent(new, [entry for entry in entries if entry.key == new.key], before)
     write_file(path, as_text(document | {_LINK: {"number": number, "sha256": digest, "parent": parent, "arm": arm}}))
     return path
 
 
-def _parent(new: Entry, others: Sequence[Entry], before: str | None) -> str | None:
+def _parent(new: Rung, others: Sequence[Rung], before: str | None) -> str | None:
     """Digest of the model that `new` was made from, among those that can be compared with it."""
-    within = [entry for entry in others if entry.effects <= new.effects]
-    best = max(within, key=lambda entry: (entry.effects.total(), entry.number), default=None)
-    has_twin = best is not None and best.effects == new.effects
+    effects = _counted(new.estimate.effects)
+    within = [entry for entry in others if _counted(entry.estimate.effects) <= effects]
+    best = max(within, key=lambda entry: (len(entry.estimate.effects), entry.number), default=None)
     current = next((entry for entry in others if entry.digest == before), best)
-    if current and (current.effects <= new.effects or (new.effects <= current.effects and not has_twin)):
-        return current.digest
-    return None if best is None else best.digest
+    if current is not None and current not in within:
+        # A model with more effects is the parent of one from which they were removed, unless that was made before.
+        has_twin = best is not None and len(best.estimate.effects) == len(new.estimate.effects)
+        current = best if has_twin or not effects <= _counted(current.estimate.effects) else current
+    return None if current is None else current.digest
+
+
+def _counted(effects: Iterable[EffectChoice]) -> Counter[tuple[str, int | None]]:
+    """Effects without their shapes, which every fit estimates anew."""
+    return Counter((choice.effect, choice.joint) for choice in effects)
 
 
 def effect_words(effects: Iterable[EffectChoice], n_joints: int = 0) -> list[str]:
@@ -224,7 +218,7 @@ def read_history(results: Path) -> History:
         text = f"the current model {path} {why}; the ladder ends at the last that was kept"
         notes = [*notes, Note("model-not-kept", text, Where(file=str(path)))]
     main = current or entries[-1]
-    groups: dict[tuple[object, ...], list[Entry]] = {main.key: []}
+    groups: dict[tuple[object, ...], list[Rung]] = {main.key: []}
     for entry in entries:
         groups.setdefault(entry.key, []).append(entry)
     ladders = tuple(_ladder(group, main, current) for group in groups.values())
@@ -254,9 +248,9 @@ def _number(path: Path) -> int:
     return int(match[1]) if match else 0
 
 
-def _entries(folder: Path, *, required: bool = False) -> tuple[list[Entry], list[Note]]:
+def _entries(folder: Path, *, required: bool = False) -> tuple[list[Rung], list[Note]]:
     """The archive in order of numbers, and what cannot be used; ResultError [no-history] where it is `required`."""
-    entries: dict[int, Entry] = {}
+    entries: dict[int, Rung] = {}
     notes: list[Note] = []
     paths = [path for path in folder.iterdir() if path.name[0] != "."] if folder.is_dir() else []
     for path in sorted(paths, key=lambda path: (_number(path), path.name)):
@@ -274,48 +268,35 @@ def _entries(folder: Path, *, required: bool = False) -> tuple[list[Entry], list
         link = document.get(_LINK)
         texts = {key: text for key, text in link.items() if isinstance(text, str)} if isinstance(link, dict) else {}
         arm = texts.get("arm") or estimate.recipe_digest
-        entries[number] = Entry(number, path, estimate, document["sha256"], parent=texts.get("parent"), arm=arm)
+        entries[number] = Rung(number, path, document["sha256"], estimate, arm, texts.get("parent"))
     if required and not entries:
         mend = "'pumaid identify LOGS...' makes the first; each later one is kept beside it"
         raise ResultError("no-history", f"no model was kept in {folder}", Where(file=str(folder.parent)), mend)
     return list(entries.values()), notes
 
 
-def _ladder(group: Sequence[Entry], main: Entry, current: Entry | None) -> Ladder:
+def _ladder(group: Sequence[Rung], main: Rung, current: Rung | None) -> Ladder:
     by_digest = {entry.digest: entry for entry in group}
     rungs = []
     for entry in group:
-        parent, effects = by_digest.get(entry.parent or ""), entry.estimate.effects
+        parent, effects = by_digest.get(entry.before or ""), entry.estimate.effects
         before = () if parent is None else parent.estimate.effects
-        number = None if parent is None else parent.number
-        joints, changes = entry.estimate.joints, _beyond(effects, before)
-        rung = Rung(entry.number, entry.path.name, entry.digest, number, effects, changes, (), joints, _whole(joints))
-        rungs.append(replace(rung, removed=_beyond(before, effects), is_current=entry is current))
+        links: dict[str, Any] = {"parent": None if parent is None else parent.number, "is_current": entry is current}
+        rungs.append(replace(entry, added=_beyond(effects, before), removed=_beyond(before, effects), **links))
     last = group[-1].estimate
     return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(rungs), _apart(group[-1], main))
 
 
 def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
-    """The effects that `others` lack, whatever their shapes."""
-    remaining, beyond = Counter((choice.effect, choice.joint) for choice in others), []
-    for choice in effects:
-        remaining[choice.effect, choice.joint] -= 1
-        beyond += [choice] if remaining[choice.effect, choice.joint] < 0 else []
-    return tuple(beyond)
+    """The effects that `others` lack, whatever their shapes; of several alike the last ones."""
+    lacking, beyond = _counted(effects) - _counted(others), []
+    for choice in reversed(effects):
+        lacking[choice.effect, choice.joint] -= 1
+        beyond += [choice] if lacking[choice.effect, choice.joint] >= 0 else []
+    return tuple(reversed(beyond))
 
 
-def _whole(joints: Sequence[JointFit]) -> Errors:
-    """The arm's errors; None unless known of every fitted joint."""
-    fitted = [fit for fit in joints if fit.rmse is not None]
-    samples = sum(fit.samples for fit in fitted)
-    pooled: list[float | None] = []
-    for name in ("rmse", "heldout", "noise_floor"):
-        squares = [fit.samples * getattr(fit, name) ** 2 for fit in fitted if getattr(fit, name) is not None]
-        pooled.append(math.sqrt(sum(squares) / samples) if samples and len(squares) == len(fitted) else None)
-    return Errors(*pooled)
-
-
-def _apart(entry: Entry, main: Entry) -> str:
+def _apart(entry: Rung, main: Rung) -> str:
     """Why the errors of two models cannot be compared; empty where they can."""
     if entry.arm != main.arm:
         origin = entry.estimate.origin or "in memory"

@@ -97,8 +97,8 @@ def test_whole_arm_weighs_samples(path):
     """Squares of 0.03 A over 300 and 0.06 A over 100 samples: the root of 0.001575 A2; no joint has held-out runs."""
     keep(path, model(), ARM)
     whole = read_history(path.parent).ladders[0].rungs[0].whole
-    assert whole.rmse == pytest.approx(0.001575**0.5)
-    assert (whole.heldout, whole.noise_floor) == (None, pytest.approx(0.01))
+    assert whole["rmse"] == pytest.approx(0.001575**0.5)
+    assert (whole["heldout"], whole["noise_floor"]) == (None, pytest.approx(0.01))
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,7 @@ def test_steps_stand_at_the_errors_with_their_names():
     """Treads are the models' errors; below each stand its number and what it added."""
     path = ladder(3, 1)
     axes = model.history_figure(path).figure.axes[0]
-    fitted = np.array([rung.whole.rmse for rung in path.rungs])
+    fitted = np.array([rung.whole["rmse"] for rung in path.rungs])
     for errors in (fitted, 1.1 * fitted):
         assert any(np.allclose(line.get_ydata(), [*errors, errors[-1]]) for line in axes.lines)
     assert axes.get_xticklabels()[1].get_text().split() == ["2", "+", "torque", "constant", "drift", "joint", "1"]

@@ -217,16 +217,3 @@ RUNS = (
     Motion(2, (0.1, 9.0), 1.0, -1.0, 0.5),
 )
 PLAN = Plan("lift and tip", RUNS, (Posture(2, (0.1, 9.0), ("gravity.l2.x", "gravity.l2.y"), "why"),))
-
-
-def test_planned_postures_are_grouped():
-    """Runs of a joint belong together where the other joints stand alike; the moving joint's entry does not count."""
-    postures = run_tables.planned_postures(PLAN)
-    assert [f"{posture.joint}{posture.letter}" for posture in postures] == ["1A", "2A", "2B"]
-    assert [len(posture.motions) for posture in postures] == [1, 4, 1]
-    assert [posture.span for posture in postures] == [(0.1, 0.4), (-1.0, 1.0), (-1.0, 1.5)]
-    assert [posture.fitted for posture in postures] == [0, 4, 0]
-    assert postures[1].serves == ("gravity.l2.x", "gravity.l2.y")
-    many = Plan("x", tuple(Motion(2, (h / 99, 0.0), -1.0, 1.0, 0.5) for h in range(53)))
-    letters = [posture.letter for posture in run_tables.planned_postures(many)]
-    assert letters[25:27] == ["Z", "AA"] and len(set(letters)) == 53

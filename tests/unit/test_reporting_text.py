@@ -185,7 +185,7 @@ def test_what_runs_cannot_separate_is_said_once():
     lacking = text.budget_limit_sentences(comparison, worlds.PENDULUM)
     assert lacking == [f"All joints: {text.BUDGET_LIMITS['no-replicates']}"]
     noise = Comparison("arm", (score(made(noise_inside=1.0), 1), score(made(noise_inside=1.0), 2)), ())
-    assert text.noise_only_sentence(noise, worlds.PENDULUM).startswith("All joints: the residual is noise")
+    assert text.budget_limit_sentences(noise, worlds.PENDULUM)[0].startswith("All joints: the residual is noise")
 
 
 def test_a_significant_part_is_not_denied_at_the_floor(rippled):

@@ -126,8 +126,7 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     path = path if len(path) <= MOST_MODELS else (path[0], *path[1 - MOST_MODELS :])
     figure = Figure(figsize=(width, 3.6), layout="constrained")
     axes, edges = figure.subplots(), np.arange(len(path) + 1)
-    names = ("rmse", "heldout", "noise_floor")
-    values = np.array([[getattr(rung.whole, name) for rung in path] for name in names], dtype=float)
+    values = np.array([list(rung.whole.values()) for rung in path], dtype=float).T
     fitted, heldout, floor = np.column_stack([values, values[:, -1]])
     axes.step(edges, fitted, where="post", color=FORWARD, linewidth=2.4, label="fitted runs")
     axes.step(edges, heldout, "--", where="post", color=BACKWARD, linewidth=2.4, label="held-out runs")

@@ -103,7 +103,6 @@ class Residuals(Section):
         worst = tables.worst_runs_table(comparison, robot, count=WORST, units=context.units)
         return {
             "joints": [text.budget_sentence(score, robot) for score in loud],
-            "noise_only": text.noise_only_sentence(comparison, robot),
             "limits": text.budget_limit_sentences(comparison, robot),
             "budget": residuals.budget_figure(context),
             "figures": [residuals.residual_figure(context, joint) for joint in context.moving()],
@@ -147,9 +146,8 @@ def _block(name: str, finding: Finding, context: ReportContext) -> Content:
     robot, units = context.robot, context.units
     assert context.diagnosis is not None
     draw = partial(residuals.finding_figure, robot=robot, name=name, units=units)
-    title = text.applied_title if name.startswith("added") else text.finding_title
     return {
-        "title": title(finding, robot),
+        "title": text.finding_title(finding, robot, is_applied=name.startswith("added")),
         "sentences": text.finding_sentences(finding, context.diagnosis, robot, units=units),
         "decision": text.decision_sentence(finding),
         "command": finding.command,
