@@ -32,7 +32,7 @@ _NAMES = {
     "pumaid.estimate": "Combination Estimate JointFit Value",
     "pumaid.estimation.evaluate": "Budget BudgetPart Comparison JointScore RunScore",
     "pumaid.samples": "Samples",
-    "pumaid.results.history": "Errors History Ladder Rung read_history",
+    "pumaid.results.history": "History Ladder Rung read_history",
     "pumaid.results.model_file": "read_model write_model",
     "pumaid.robot": "EffectChoice Joint LogFormat Robot",
     "pumaid.trajectory": "Motion NextRun Plan Posture",

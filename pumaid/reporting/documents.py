@@ -11,7 +11,7 @@ import pandas as pd
 from pumaid import __version__
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.estimate import Estimate
-from pumaid.estimation.evaluate import TOGETHER, Budget, BudgetPart, Comparison, JointScore, RunScore
+from pumaid.estimation.evaluate import TOGETHER, Budget, Comparison
 from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.table import Table
@@ -139,51 +139,43 @@ def table_as(table: Table, form: str) -> bytes:
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """The entries of a comparison's JSON document after its heading."""
-    return {
-        "joints": [_joint_document(score, comparison) for score in comparison.joints],
-        "rmse": comparison.rmse,
-        "heldout": None if comparison.heldout is None else {"rmse": comparison.heldout},
-        "notes": comparison.notes,
-    }
+    joints = []
+    for score in comparison.joints:
+        names = "joint samples rmse bias explained noise_floor noise_floor_reason shares"
+        entry = _entries(score, names) | {
+            "current_rms": score.rms,
+            "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
+            "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
+            "undetermined_runs": score.undetermined,
+            "budget": None if score.budget is None else budget_document(score.budget),
+            "runs": [
+                _entries(item, "rmse bias largest explained undetermined reason")
+                | {"file": run.origin, "rows": [run.first_row, run.last_row], "velocity": run.speed}
+                | _entries(run, "start duration kind posture samples heldout")
+                for item in comparison.of_joint(score.joint)
+                for run in [item.run]
+            ],
+        }
+        joints.append(entry)
+    heldout = None if comparison.heldout is None else {"rmse": comparison.heldout}
+    return {"joints": joints, "rmse": comparison.rmse, "heldout": heldout, "notes": comparison.notes}
 
 
-def _joint_document(score: JointScore, comparison: Comparison) -> dict[str, Any]:
-    names = "joint samples rmse bias explained noise_floor noise_floor_reason shares"
-    return _entries(score, names) | {
-        "current_rms": score.rms,
-        "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
-        "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
-        "undetermined_runs": score.undetermined,
-        "budget": budget_document(score.budget),
-        "runs": [_run_document(item) for item in comparison.of_joint(score.joint)],
-    }
-
-
-def _run_document(score: RunScore) -> dict[str, Any]:
-    run = score.run
-    place = {"file": run.origin, "rows": [run.first_row, run.last_row], "velocity": run.speed}
-    names = "rmse bias largest explained undetermined reason"
-    return _entries(score, names) | place | _entries(run, "start duration kind posture samples heldout")
-
-
-def budget_document(budget: Budget | None) -> dict[str, Any] | None:
-    """A joint's budget in the comparison's JSON document; None where the joint has no runs."""
-    if budget is None:
-        return None
-    return _entries(budget, "mean_square noise floor runs replicates") | {
-        "parts": [_part_document(budget, part) for part in budget.parts],
-        "limits": {slug: BUDGET_LIMITS[slug] for slug in budget.limits},
-    }
-
-
-def _part_document(budget: Budget, part: BudgetPart) -> dict[str, Any]:
-    return _entries(part, "name mean_square p_value against cycles points_to") | {
-        "share": part_share(budget, part),
-        "more_than_noise": part.is_more,
-        "cycles_per": part.per or None,
-        "cycles_per_motor_turn": part.gearing,
-        "text": part_sentence(budget, part) if part.is_more else None,
-    }
+def budget_document(budget: Budget) -> dict[str, Any]:
+    """A joint's budget in the comparison's JSON document."""
+    parts = [
+        _entries(part, "name mean_square p_value against cycles points_to")
+        | {
+            "share": part_share(budget, part),
+            "more_than_noise": part.is_more,
+            "cycles_per": part.per or None,
+            "cycles_per_motor_turn": part.gearing,
+            "text": part_sentence(budget, part) if part.is_more else None,
+        }
+        for part in budget.parts
+    ]
+    limits = {slug: BUDGET_LIMITS[slug] for slug in budget.limits}
+    return _entries(budget, "mean_square noise floor runs replicates") | {"parts": parts, "limits": limits}
 
 
 # History and simulation

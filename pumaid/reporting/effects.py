@@ -38,6 +38,9 @@ def facts(effect: Effect) -> dict[str, Any]:
     numbers = {"arm": 0} if effect.scope is Scope.ARM else {"revolute": TURNING, "prismatic": SLIDING}
     refusals = {kind: effect.applies(ARM, number) for kind, number in numbers.items()}
     owners = [(kind, number) for kind, number in numbers.items() if refusals[kind] is None]
+    curve = signature(effect)
+    # Every fourth point: one every fifth letter of the plot of the command line.
+    points = {name: getattr(curve, name)[::4] for name in ("values", "forward", "backward")}
     return {
         "effect": effect.name,
         "title": effect.title,
@@ -65,7 +68,7 @@ def facts(effect: Effect) -> dict[str, Any]:
         },
         "source": effect.source,
         "command": command(effect),
-        "signature": signature(effect).as_json(),
+        "signature": {"variable": curve.variable, "unit": curve.unit, **points, "at": curve.text},
     }
 
 
@@ -163,22 +166,14 @@ class Signature:
     backward: Floats
     text: str
 
-    def as_json(self) -> dict[str, Any]:
-        """As a JSON object, with every fourth point: one every fifth letter of the plot of the command line."""
-        curves = {name: getattr(self, name)[::4] for name in ("values", "forward", "backward")}
-        return {"variable": self.variable, "unit": self.unit, **curves, "at": self.text}
-
 
 def signature(effect: Effect) -> Signature:
     """The current of `effect` against the variable of its family, or the first other one in which it varies."""
     first = VARIABLES.get(effect.family, "position")
     curves = [_against(effect, variable) for variable in dict.fromkeys((first, "position", *RANGES))]
-    return next((curve for curve in curves if _varies(curve)), curves[0])
-
-
-def _varies(curve: Signature) -> bool:
-    spread = max(float(np.ptp(curve.forward)), float(np.ptp(curve.backward)))
-    return spread > FLAT * max(float(np.abs([curve.forward, curve.backward]).max()), 1e-300)
+    ways = [np.array([curve.forward, curve.backward]) for curve in curves]
+    varying = [np.ptp(way, axis=1).max() > FLAT * max(np.abs(way).max(), 1e-300) for way in ways]
+    return curves[varying.index(True) if True in varying else 0]
 
 
 def _against(effect: Effect, variable: str) -> Signature:
@@ -212,35 +207,24 @@ def _against(effect: Effect, variable: str) -> Signature:
 
 
 def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Samples:
-    """Samples in which one variable takes `values` and the rest is constant."""
+    """Samples in which one variable takes `values` and the rest is constant; loads follow from gravity elsewhere."""
     count = len(values)
     signals = {name: np.full(count, value) for name, value in CONSTANT.items()} | {variable: values}
     position, velocity = np.full((count, HANGING.n_joints), 0.4), np.zeros((count, HANGING.n_joints))
     position[:, joint - 1] = signals["position"]
     velocity[:, joint - 1] = way * signals["speed"]
-    return Samples(
-        joint,
-        position,
-        velocity,
-        direction=np.full(count, way),
-        elapsed=signals["time"],
-        run=np.zeros(count),
-        loads=_loads(joint, position, signals),
-        **{name: signals[name] for name in ("acceleration", "time", "travel", "temperature")},
-    )
-
-
-def _loads(joint: int, position: Floats, signals: dict[str, Floats]) -> Loads:
-    """Gravity's currents of the two links, or those that `signals` gives."""
     hip, beyond, knee = LOADS
     first, second = position[:, 0], position.sum(axis=1)
     by_joint = np.column_stack([hip * np.cos(first) + beyond * np.cos(second), knee * np.cos(second)])
     by_knee = -(beyond if joint == 1 else knee) * np.sin(second)
     slopes = np.column_stack([by_knee - (hip * np.sin(first) if joint == 1 else 0.0), by_knee])
     load = signals.get("load", by_joint[:, joint - 1])
-    tilts = np.column_stack([np.zeros(len(load)), -slopes[:, 0]])  # the axes point along -y
+    tilts = np.column_stack([np.zeros(count), -slopes[:, 0]])  # the axes point along -y
     gains = np.array([1.0, beyond / knee]) if joint == 1 else np.array([knee / beyond, 1.0])
-    return Loads(load, by_joint, slopes, tilts, np.abs(load), signals.get("predicted current", load), gains)
+    loads = Loads(load, by_joint, slopes, tilts, np.abs(load), signals.get("predicted current", load), gains)
+    more = {name: signals[name] for name in ("acceleration", "time", "travel", "temperature")}
+    ways, run = np.full(count, way), np.zeros(count)
+    return Samples(joint, position, velocity, direction=ways, elapsed=signals["time"], run=run, loads=loads, **more)
 
 
 def sketch(curve: Signature, *, width: int = 60, height: int = 11) -> str:

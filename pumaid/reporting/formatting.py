@@ -60,15 +60,6 @@ def amperes(value: float | None) -> str:
     return "-" if value is None else f"{number(value, 3)} A"
 
 
-def duration(seconds: float) -> str:
-    """Seconds in the words of a clock: ``12 min 5 s``."""
-    whole = round(seconds)
-    hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
-    if hours:
-        return f"{hours} h {minutes} min"
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
-
-
 def shortened(name: str, limit: int = 52) -> str:
     """A name cut to at most `limit` letters."""
     return name if len(name) <= limit else name[: limit - 1] + "…"

@@ -13,7 +13,6 @@ from pumaid.dataset import BLOCK, Dataset, Reject, Run
 from pumaid.kinematics import roll_pitch_yaw
 from pumaid.preprocessing.options import CONSTANT, STROKE
 from pumaid.reporting.formatting import (
-    duration,
     in_unit,
     listed,
     plural,
@@ -58,17 +57,15 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
         joints = blocks.get((run.origin, run.first_row), [run])
         if run is not joints[0]:
             continue
-        if run.kind == BLOCK:
-            numbers = " ".join(str(part.joint) for part in joints)
-            place = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run), numbers]
-            rows.append([*place, "-", "-", "-", str(max(part.samples for part in joints)), run.kind])
-            continue
-        joint = robot.joint(run.joint)
-        scale = in_unit(joint.position_unit, units)[0]
-        low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
-        row = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run)]
-        row += [f"{run.joint} {joint.name}", posture_text(robot, run.posture.tolist(), units), f"{low} to {high}"]
-        rows.append([*row, speed, str(run.samples), run.kind])
+        motion = [" ".join(str(part.joint) for part in joints), "-", "-", "-"]
+        if run.kind != BLOCK:
+            joint = robot.joint(run.joint)
+            scale = in_unit(joint.position_unit, units)[0]
+            low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
+            posture = posture_text(robot, run.posture.tolist(), units)
+            motion = [f"{run.joint} {joint.name}", posture, f"{low} to {high}", speed]
+        place = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run)]
+        rows.append([*place, *motion, str(max(part.samples for part in joints)), run.kind])
     head = ("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)")
     notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
     caption = "A stroke's speed is its mean speed."
@@ -251,7 +248,7 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         counts = [str(len(fitted)), str(len(motions) - len(fitted))]
         rows.append([name, str(len(postures)), span, f"{', '.join(speeds)} {unit}/s", *counts])
     heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
-    title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {duration(plan.duration)}"
+    title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {number(plan.duration / 60.0, 3)} min"
     return Table(title, ("joint", "postures", "range", "speeds", "fit", "hold-out"), rows, words=(0, 2, 3))
 
 

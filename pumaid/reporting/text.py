@@ -16,7 +16,6 @@ from pumaid.diagnosis.records import (
     Finding,
     JointDiagnosis,
     Limit,
-    Transfer,
     Unexplained,
 )
 from pumaid.effects import Scope, catalogue
@@ -166,25 +165,21 @@ def merge_notes(notes: Iterable[Note]) -> list[Note]:
 # Model and comparison
 
 
-def data_sentence(dataset: Dataset) -> str:
-    """What the logs contain."""
+def summary_sentences(dataset: Dataset, estimate: Estimate) -> list[str]:
+    """What the logs contain, and how many parameters are identified."""
     runs, files = dataset.runs, dataset.files
     heldout = sum(run.heldout for run in runs)
     words = counted_runs(runs) + (f" in {plural(len(files), 'file')}" if files else "")
     alone = [run.duration for run in runs if run.kind != "block"]
     words += f", {number(sum(alone), 3)} s of motion of a single joint" if alone else ""
-    return words + (f"; {plural(heldout, 'run')} held out for validation." if heldout else ".")
-
-
-def parameters_sentence(estimate: Estimate) -> str:
-    """How many parameters are identified."""
+    words += f"; {plural(heldout, 'run')} held out for validation." if heldout else "."
     values = [value for value in estimate.values if not is_structural(value)]
-    identified = sum(value.state == IDENTIFIED for value in values)
-    unknown = sum(value.state == NOT_IDENTIFIABLE for value in values)
-    words = f"Identified parameters: {identified} of {len(values)}"
-    words += f"; not identifiable: {unknown} (reasons below the table)" if unknown else ""
-    sums = len(estimate.combinations)
-    return words + (f"; identified combinations of these: {sums}." if sums else ".")
+    states = [value.state for value in values]
+    unknown, sums = states.count(NOT_IDENTIFIABLE), len(estimate.combinations)
+    parameters = f"Identified parameters: {states.count(IDENTIFIED)} of {len(values)}"
+    parameters += f"; not identifiable: {unknown} (reasons below the table)" if unknown else ""
+    parameters += f"; identified combinations of these: {sums}." if sums else "."
+    return [words, parameters]
 
 
 def joint_sentence(score: JointScore, robot: Robot) -> str:
@@ -377,8 +372,13 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     if before is not None and after is not None:
         less = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
         out.append(f"RMSE of runs that were not fitted: {amperes(before)} without it, {amperes(after)} with it{less}.")
-    if finding.transfer is not None and finding.transfer.is_clear:
-        out.append(transfer_sentence(finding.transfer))
+    transfer = finding.transfer
+    if transfer is not None and transfer.is_clear:
+        share = f"{number(100.0 * transfer.share, 2)} ± {number(100.0 * transfer.std_error, 1)} %"
+        verdict = ": another effect acts as well, or instead" if transfer.is_partial else ""
+        if transfer.is_denied:
+            verdict = ": it is another effect, or of another form, although it fits the other runs"
+        out.append(f"The held-out runs confirm {share} of the predicted effect{verdict}.")
     out.append(f"p = {number(finding.p_value, 2)} over all effects and joints (family-wise).")
     reasons = [
         candidate.reason
@@ -406,40 +406,23 @@ def floor_sentence(joint: JointDiagnosis) -> str:
     return words + ("." if is_at_floor(joint) else f" (ratio {number(joint.rmse / joint.noise_floor, 2)}).")
 
 
-def transfer_sentence(transfer: Transfer) -> str:
-    """How much of the effect the held-out runs confirm."""
-    share = f"{number(100.0 * transfer.share, 2)} ± {number(100.0 * transfer.std_error, 1)} %"
-    words = f"The held-out runs confirm {share} of the predicted effect"
-    if transfer.is_denied:
-        return f"{words}: it is another effect, or of another form, although it fits the other runs."
-    return f"{words}: another effect acts as well, or instead." if transfer.is_partial else f"{words}."
-
-
 def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
-    """How large an effect is, with its shape; empty where neither is known."""
-    sizes = []
+    """How large an effect is, with its nonlinear parameters; empty where neither is known."""
+    is_column, sizes, shape = finding.effect.startswith(SUSPECT), [], []
     for size in finding.sizes:
         scale, unit = in_unit(bare(size.unit), units)
         value, error = with_error(scale * size.value, scale * size.std_error)
         sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value} ± {error} {unit}".rstrip())
-    shape = shape_text(finding, robot, units)
-    if not sizes:
-        return f"Shape: {shape}." if shape else ""
-    joiner = ", " if finding.effect.startswith(SUSPECT) else ", with "
-    return f"Size: {listed(sizes)}{joiner + shape if shape else ''}."
-
-
-def shape_text(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
-    """The nonlinear parameters of an effect with their units."""
-    if finding.effect.startswith(SUSPECT):
-        return SUSPECT_FORMS[int(finding.shape.get("times", 0.0))]
     effect = catalogue().get(finding.effect)
-    unit_of = {shape.name: bare(shape.unit) for shape in effect.shapes(robot, finding.joint or 0)} if effect else {}
-    words = []
-    for name, value in finding.shape.items():
+    unit_of = {item.name: bare(item.unit) for item in effect.shapes(robot, finding.joint or 0)} if effect else {}
+    for name, amount in finding.shape.items():
         scale, unit = in_unit(unit_of.get(name, ""), units)
-        words.append(f"{name} {scale * value:.4g} {unit}".rstrip())
-    return listed(words)
+        shape.append(f"{name} {scale * amount:.4g} {unit}".rstrip())
+    words = SUSPECT_FORMS[int(finding.shape.get("times", 0.0))] if is_column else listed(shape)
+    if not sizes:
+        return f"Shape: {words}." if words else ""
+    joiner = ", " if is_column else ", with "
+    return f"Size: {listed(sizes)}{joiner + words if words else ''}."
 
 
 def decision_sentence(finding: Finding) -> str:

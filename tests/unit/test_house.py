@@ -398,7 +398,7 @@ def test_a_dataset_needs_no_reader(tmp_path):
 PUBLIC = [
     *("Answer", "Arm"),
     *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
-    *("EffectChoice", "Errors", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
+    *("EffectChoice", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
     *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "Picture", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),

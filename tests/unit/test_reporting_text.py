@@ -13,6 +13,7 @@ import worlds
 from ladders import RIPPLE, STRIBECK
 from test_residual_budget import KINDS
 
+from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.residual_budget import POINTS_TO
 from pumaid.effects import catalogue
@@ -123,7 +124,7 @@ def test_parameters_are_counted(context):
     unknown = replace(context.estimate.values[0], state="not_identifiable", value=None, reason="x", next_run="y")
     sums = Combination({"coulomb.j1.plus": 1.0, "viscous.j1.plus": 0.4}, 0.5, 0.01, "A", "friction of joint 1")
     estimate = replace(context.estimate, values=(unknown, *context.estimate.values[1:]), combinations=(sums,))
-    words = text.parameters_sentence(estimate)
+    words = text.summary_sentences(Dataset(()), estimate)[1]
     assert "not identifiable: 1 " in words and "combinations of these: 1." in words
 
 

@@ -29,7 +29,7 @@ class Summary(Section):
     def content(self, context: ReportContext) -> Content:
         scores = context.comparison.joints
         return {
-            "sentences": [text.data_sentence(context.dataset), text.parameters_sentence(context.estimate)],
+            "sentences": text.summary_sentences(context.dataset, context.estimate),
             "joints": [text.joint_sentence(score, context.robot) for score in scores],
             "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
         }
