@@ -84,17 +84,17 @@ def prior_robots(
 
 def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     """The robot that an earlier model describes; what it could not identify is taken from a random robot."""
-    drawn, identified, n = draw(robot, 0), dict[str, float](), robot.n_joints
+    drawn, n = draw(robot, 0), robot.n_joints
     shown = {value.name for value in estimate.values if value.state != NOT_IDENTIFIABLE}
     values = drawn.parameters()
-    for name, value in zip(estimate.names, estimate.solution, strict=True):
-        # A parameter that no run shows is zero in the solution; of a sum each term has a share.
-        if name in values and (name in shown or abs(value) > 1e-12):
-            identified[name] = float(value)
-    for inner in range(1, n):
-        name, scale = f"gain_ratio.{inner}.{inner + 1}", estimate.scales[inner - 1, inner]
-        if name in shown and np.isfinite(scale):
-            identified[name] = float(scale)
+    # A parameter that no run shows is zero in the solution; of a sum each term has a share.
+    identified = {
+        name: float(value)
+        for name, value in zip(estimate.names, estimate.solution, strict=True)
+        if name in values and (name in shown or abs(value) > 1e-12)
+    }
+    ratios = {f"gain_ratio.{i}.{i + 1}": float(estimate.scales[i - 1, i]) for i in range(1, n)}
+    identified |= {name: ratio for name, ratio in ratios.items() if name in shown and np.isfinite(ratio)}
     missing = [name for name in values if name not in identified]
     values |= identified
     std = [fit.noise_floor or fit.rmse or NOISE for fit in estimate.joints]

@@ -136,7 +136,7 @@ def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs
     covariance, freedoms = np.zeros((size, size)), np.zeros(size)
     for row in reversed(range(gains.n_rows)):
         equations = np.flatnonzero(system.row == row)
-        edges = [p + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row]
+        edges = [p + k for k, upper in enumerate(gains.uppers) if upper == row]
         columns = np.append(np.flatnonzero(system.owners == row), edges).astype(int)
         if len(equations) == 0 or len(columns) == 0:
             continue

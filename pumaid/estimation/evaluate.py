@@ -185,7 +185,7 @@ class JointPrediction:
     `design` (N, p) is A per unit of each parameter, `predicted` and `residual` (N,) A, `inside` (N,) A2 of variance
     inside bins that the prediction leaves; `parts` (N, E) is the prediction by `effects`. Of each run (R,) there are
     `samples`, and over them the sums of the squared residual (`square`) and current, and (R, E) of the current times
-    each part, A2.
+    each part, A2. `counted` (R,) are behind the joint's figures: those that are not `heldout`, or all where all are.
     """
 
     def __init__(self, model: Model, estimate: Estimate, bins: JointBins) -> None:
@@ -213,11 +213,7 @@ class JointPrediction:
         products = bins.current[:, None] * self.parts + np.column_stack(covariance)
         self.products = bins.sums(count[:, None] * products)
         self.heldout = np.array([run.heldout for run in bins.runs], dtype=bool)
-
-    @property
-    def counted(self) -> Flags:
-        """(R,) runs behind the joint's figures: those that are not held out, or all where all are."""
-        return self.heldout | ~self.heldout if self.heldout.all() else ~self.heldout
+        self.counted = ~self.heldout | self.heldout.all()
 
     @cached_property
     def repeated(self) -> list[Pair]:

@@ -175,8 +175,7 @@ class FittedParameters:
     def _rests_on_open(self, edge: int) -> bool:
         """Whether the row that gave an edge took any load for known that the recursion had left open."""
         gains = self.solution.gains
-        row = gains.parent[gains.edges[edge]]
-        beside = [number for number, lower in enumerate(gains.edges) if gains.parent[lower] == row]
+        beside = [number for number, upper in enumerate(gains.uppers) if upper == gains.uppers[edge]]
         return any(not set(self.absorbed).isdisjoint(self._behind(number).tolist()) for number in beside)
 
     def _carries(self, edge: int) -> bool:
@@ -189,7 +188,7 @@ class FittedParameters:
     def _load(self, edge: int) -> tuple[float, float]:
         """RMS (A) of what comes through an edge in its upper joint's current, and that part's standard error."""
         gains, number = self.solution.gains, len(self.solution.values) + edge
-        upper = _above(gains, gains.edges[edge])
+        upper = gains.uppers[edge]
         row = next(row for row in self.fitted.rows if row.joint == upper + 1)
         at_bins = Bilinear(np.full(len(row.bins), upper), row.design, row.bins.current, self.fitted.system.owners)
         slope = _rms(row, at_bins.jacobian(gains, self.solution.values)[:, number])
@@ -266,13 +265,10 @@ def ratio_gradient(gains: Gains, row: int, other: int) -> tuple[float, Floats]:
 
 def _names(fitted: Fit, gains: Gains) -> list[str]:
     """(P,) of parameters and ratios."""
-    return [*fitted.model.names, *(ratio_name(_above(gains, edge) + 1, edge + 1) for edge in gains.edges)]
-
-
-def _above(gains: Gains, row: int) -> int:
-    """The row that `row` hangs from."""
-    upper = gains.parent[row]
-    return row if upper is None else upper
+    return [
+        *fitted.model.names,
+        *(ratio_name(up + 1, low + 1) for up, low in zip(gains.uppers, gains.edges, strict=True)),
+    ]
 
 
 def _rms(row: Row, values: Floats) -> float:
@@ -285,7 +281,7 @@ def _freedoms(fitted: Fit, errors: Clustered, *, recursive: bool) -> Floats:
     source = fitted.first if recursive and fitted.first else fitted
     out, solution, start = errors.freedoms.copy(), source.solution, 0
     poor = out < FEWEST_FREEDOMS
-    joints = np.array([*fitted.system.owners, *(_above(solution.gains, edge) for edge in solution.gains.edges)])
+    joints = np.array([*fitted.system.owners, *solution.gains.uppers])
     for row in source.rows:
         stop = start + row.target.size
         chosen = np.flatnonzero(poor & (joints == row.joint - 1))

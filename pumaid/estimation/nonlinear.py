@@ -160,7 +160,12 @@ def search_shape(projector: Projector, term: EffectTerm, free: Sequence[str]) ->
     fits = likelihood.at(_grid(projector, term, covered))
     best = max(fits, key=lambda fit: fit[1].gain)
     for name in (name for name in fixed if shapes[name].unit == "s"):
-        near = replace(covered, starts=_neighbours(covered.starts, [point[name] for point, _ in fits], best[0][name]))
+        # Starts of runs about the best instant: where runs are many a grid skips some.
+        instants = sorted(point[name] for point, _ in fits)
+        place = instants.index(best[0][name])
+        first = bisect_right(covered.starts, instants[max(place - 1, 0)]) - 1
+        last = bisect_right(covered.starts, instants[min(place + 1, len(instants) - 1)])
+        near = replace(covered, starts=tuple(covered.starts[max(first, 0) : last + 1]))
         fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
     fits.sort(key=lambda fit: -fit[1].gain)
     best, ranges = fits[0], {name: _range(shapes[name], fits, covered.starts) for name in fixed}
@@ -200,15 +205,6 @@ def search_bounds(shape: Shape, grid: Sequence[Mapping[str, float]]) -> Ends:
     if shape.low < 0.0 or min(values) <= 0.0 or min(values) == max(values):
         return shape.low, shape.high
     return max(shape.low, min(values) / BEYOND), min(shape.high, max(values) * BEYOND)
-
-
-def _neighbours(starts: Sequence[float], instants: list[float], best: float) -> tuple[float, ...]:
-    """Starts of runs about the best of some instants: where runs are many a grid skips some."""
-    instants = sorted(instants)
-    place = instants.index(best)
-    first = bisect_right(starts, instants[max(place - 1, 0)]) - 1
-    last = bisect_right(starts, instants[min(place + 1, len(instants) - 1)])
-    return tuple(starts[max(first, 0) : last + 1])
 
 
 def _range(shape: Shape, fits: Sequence[tuple[Point, Refit]], starts: Sequence[float]) -> Ends:

@@ -167,7 +167,14 @@ def of_column(
     if column.scope in (Scope.JOINT, Scope.LINK) and coverage[column.owner].runs == 0:
         return reason("no runs")
     if column.place is not None:
-        return _of_effect(model, column, partners)
+        term = model.effects[column.place]
+        more = MORE.get(term.effect.family, TRAVEL)
+        if column.shape in term.held:
+            return reason("at bound", bound=number(term.shape[column.shape]), more=more)
+        if column.shape is not None or not partners:
+            return reason("no effect" if column.shape is None else "any value", more=more)
+        rest = [name for name in partners if name.split(".")[0] != column.effect]
+        return reason("confounded", names=listed(rest or partners), more=more)
     if column.effect in ("coulomb", "viscous"):
         return _of_friction(model, column, coverage[column.owner], partners)
     if column.effect != "gravity":
@@ -182,18 +189,6 @@ def of_column(
     if beyond and coverage[column.owner].postures < 2:
         return reason("one posture", names=listed(beyond))
     return reason("together", names=listed(outer)) if outer and not of_friction else reason("friction and weight")
-
-
-def _of_effect(model: Model, column: Column, partners: Sequence[str]) -> Reason:
-    """Of a parameter of a chosen effect."""
-    term = model.effects[column.place or 0]
-    more = MORE.get(term.effect.family, TRAVEL)
-    if column.shape in term.held:
-        return reason("at bound", bound=number(term.shape[column.shape]), more=more)
-    if column.shape is not None or not partners:
-        return reason("no effect" if column.shape is None else "any value", more=more)
-    rest = [name for name in partners if name.split(".")[0] != column.effect]
-    return reason("confounded", names=listed(rest or partners), more=more)
 
 
 def _of_friction(model: Model, column: Column, covered: JointCoverage, partners: Sequence[str]) -> Reason:

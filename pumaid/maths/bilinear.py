@@ -58,6 +58,11 @@ class Gains:
         return [row for row in range(self.n_rows) if self.parent[row] is not None]
 
     @property
+    def uppers(self) -> list[int]:
+        """The parents of these rows: the upper ends of all edges."""
+        return [up for up in self.parent if up is not None]
+
+    @property
     def ratios(self) -> Floats:
         """(edges,) the ratio on each edge."""
         return np.array([self.edge[edge] for edge in self.edges])
@@ -226,8 +231,7 @@ class Bilinear:
         # where it does not lead there one of the two is unknown, and counts as zero.
         scales = np.nan_to_num(gains.scales())
         parts = (self.regressors * values) @ (self.owners[:, None] == np.arange(gains.n_rows))
-        uppers = [up for up in gains.parent if up is not None]
-        return np.hstack([self.scaled(gains), scales[:, uppers][self.row] * (parts @ scales[gains.edges].T)])
+        return np.hstack([self.scaled(gains), scales[:, gains.uppers][self.row] * (parts @ scales[gains.edges].T)])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -292,8 +296,7 @@ def fit_bilinear(
 def ratio_spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
     """(edges,) prior spread of each ratio: none where its own row shows it."""
     jacobian, out = system.jacobian(gains, values), []
-    for number, edge in enumerate(gains.edges):
-        row = gains.parent[edge]
+    for number, (edge, row) in enumerate(zip(gains.edges, gains.uppers, strict=True)):
         columns = np.append(np.flatnonzero(system.owners == row), len(values) + number)
         alone = rank.solve(jacobian[system.row == row][:, columns], system.target[system.row == row])
         error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf

@@ -12,18 +12,20 @@ TABLE_GRAVITY = 9.8
 _DEG = factor("deg")
 
 _NAMES = ("waist", "shoulder", "elbow", "wrist roll", "wrist pitch", "flange")
-_ALPHA_DEG = (0.0, -90.0, 0.0, 90.0, -90.0, 90.0)
-_A = (0.0, 0.0, 0.4318, -0.0203, 0.0, 0.0)
-_D = (0.0, 0.2435, -0.0934, 0.4331, 0.0, 0.0)
-_K_X = (0.0, 2.191535, 0.02212, -0.03060, -0.01424, -0.00053)
-_K_Y = (0.0, 0.00371, 0.80144, 0.01287, 0.13828, 0.00043)
 #: eta_1/eta_2 acts on nothing (joint 1 is parallel to gravity) and is not in the table; 1 stands in.
-_RATIO = (1.0, -0.57450, 0.10676, 0.14463, 0.000002)
-_COULOMB_PLUS = (0.71678, 0.54814, -0.45359, -0.16843, -0.18605, -0.16082)
-_COULOMB_MINUS = (-0.28355, -0.98279, 0.36250, 0.22914, 0.27428, 0.23237)
-_VISCOUS_PLUS = (0.00222, 0.00677, -0.00573, -0.00133, -0.00290, -0.00181)
-_VISCOUS_MINUS = (0.00332, 0.00291, -0.00475, -0.00121, -0.00195, -0.00238)
-_STD = (0.0225, 0.0293, 0.0149, 0.0187, 0.0167, 0.00636)
+_RATIO = (1.0, -0.5745, 0.10676, 0.14463, 2e-06)
+#: Of each joint: alpha (deg), a, d (m); k*_x, k*_y as printed; Coulomb friction forward and backward (A), viscous
+#: friction forward and backward (A s/deg); standard deviation (A).
+_ALPHA_DEG, _A, _D, _K_X, _K_Y, _COULOMB_PLUS, _COULOMB_MINUS, _VISCOUS_PLUS, _VISCOUS_MINUS, _STD = np.array(
+    [
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.71678, -0.28355, 0.00222, 0.00332, 0.0225),
+        (-90.0, 0.0, 0.2435, 2.191535, 0.00371, 0.54814, -0.98279, 0.00677, 0.00291, 0.0293),
+        (0.0, 0.4318, -0.0934, 0.02212, 0.80144, -0.45359, 0.3625, -0.00573, -0.00475, 0.0149),
+        (90.0, -0.0203, 0.4331, -0.0306, 0.01287, -0.16843, 0.22914, -0.00133, -0.00121, 0.0187),
+        (-90.0, 0.0, 0.0, -0.01424, 0.13828, -0.18605, 0.27428, -0.0029, -0.00195, 0.0167),
+        (90.0, 0.0, 0.0, -0.00053, 0.00043, -0.16082, 0.23237, -0.00181, -0.00238, 0.00636),
+    ]
+).T
 
 #: Steps of the current sensor (A) and of the encoders (counts a rad): well below the noise.
 _CURRENT_STEP, _COUNTS = 0.0005, 1e5
@@ -46,7 +48,14 @@ _SPAN_DEG = 125
 def robot() -> Robot:
     """The PUMA 560 of the paper, without limits (the experiment turned every joint over -125..125 deg)."""
     joints = tuple(
-        Joint(number=i + 1, name=_NAMES[i], kind="revolute", alpha=_ALPHA_DEG[i] * _DEG, a=_A[i], d=_D[i])
+        Joint(
+            number=i + 1,
+            name=_NAMES[i],
+            kind="revolute",
+            alpha=float(_ALPHA_DEG[i]) * _DEG,
+            a=float(_A[i]),
+            d=float(_D[i]),
+        )
         for i in range(6)
     )
     return Robot(name="PUMA 560", joints=joints)

@@ -235,11 +235,7 @@ class Truth:
 
     def gravity_current(self, position: Floats) -> Floats:
         """(N, J) A that carry the weight at `position` (N, J), rad or m, nothing being hidden."""
-        return self._shared(gravity_load(self.robot, self.links, position)) * self.gain
-
-    def _shared(self, load: Floats) -> Floats:
-        """(N, J) what the motors carry, geared to their joints, of (N, J) loads of the joints (N m or N)."""
-        return load @ np.linalg.inv(self.robot.shaft_speeds) if self.robot.coupling else load
+        return gravity_load(self.robot, self.links, position) @ np.linalg.inv(self.robot.shaft_speeds) * self.gain
 
     def hiding(self, hidden: Sequence[Hidden]) -> Truth:
         """The same robot with other hidden effects; values that they do not name are made to show at this robot."""
@@ -260,10 +256,11 @@ class Truth:
         offset = values_of(self.hidden, "zero_offset", "delta", n_joints=n)
         sag = self.sides * values_of(self.hidden, "flexibility", "c", n_joints=n)
         load, across, link = np.zeros_like(position), np.zeros_like(position), position + offset
+        shares = np.linalg.inv(arm.shaft_speeds)  # what motors carry, geared to their joints, of their joints' loads
         for _ in range(_ROUNDS if sag.any() else 1):
             before = load.copy()
             for body, there in bodies:
-                load[there] = self._shared(gravity_load(arm, body, link[there])) * self.gain
+                load[there] = gravity_load(arm, body, link[there]) @ shares * self.gain
             link = position + offset - sag * load
             if np.max(np.abs(load - before), initial=0.0) < _SETTLED:
                 break
