@@ -177,14 +177,6 @@ def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     return joint
 
 
-def _effect_name(name: str) -> str:
-    word, at, joint = name.partition("@")
-    if not re.fullmatch(r"[A-Za-z]\w*", name):
-        mend = f"write {{effect: {word}, joint: {joint}}}" if at else "pumaid effects lists the names"
-        raise refusal(f"{name[:40]!r} is no effect's name", mend)
-    return name
-
-
 def _link(link: int, info: ValidationInfo) -> int:
     n_joints = len(_arm(info).names)
     if not 0 <= link <= n_joints:
@@ -243,6 +235,14 @@ Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
 Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
 Unit = Annotated[str, AfterValidator(_unit)]
 JointName = Annotated[str, _check(is_joint_name, "'{}' cannot name a joint", "use a word, such as shoulder")]
+EffectName = Annotated[
+    Words,
+    _check(
+        lambda name: re.fullmatch(r"[A-Za-z]\w*", name) is not None,
+        "'{}' is no effect's name",
+        "write {effect: NAME, joint: 3}; pumaid effects lists the names",
+    ),
+]
 Direction = Annotated[Vector, _check(any, "the axis {} has no direction", "write it as [0, 0, 1]")]
 Gravity = Annotated[
     Vector,
@@ -326,7 +326,7 @@ class LogForm(StrictForm):
 class EffectForm(StrictForm):
     """One entry of `effects`."""
 
-    effect: Annotated[Words, AfterValidator(_effect_name)] = _like("a name that pumaid effects lists")
+    effect: EffectName = _like("a name that pumaid effects lists")
     joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
     shape: dict[str, Finite] = _like("{velocity: 0.1}", default={})
 
@@ -337,6 +337,13 @@ class BoxForm(StrictForm):
     name: Words | None = None
     min: Triple = _like("[x, y, z]   (the lowest corner, m, not mm, in base axes)")
     max: Triple = _like("[x, y, z]   (the highest corner, m, not mm, in base axes)")
+
+
+Inside = _check(
+    lambda box: all(low < high for low, high in zip(box.min, box.max, strict=True)),
+    "the box has no inside: {}",
+    "write the lower corner as min and the upper as max",
+)
 
 
 class SphereForm(StrictForm):
@@ -351,7 +358,9 @@ class SafetyForm(StrictForm):
     """The block `safety`."""
 
     tool: Triple | None = _like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
-    boxes: list[BoxForm] = _like("[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100)
+    boxes: list[Annotated[BoxForm, Inside]] = _like(
+        "[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100
+    )
     spheres: list[SphereForm] = _like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
     margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
     ignore: list[Apart] = _like("[[4, 6]], pairs of links", default=[])
@@ -377,55 +386,34 @@ class RecipeForm(StrictForm):
 
 def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     """Faults that show only when two values are seen together; `names` are the joints'."""
-    yield from _repeated(names, "joints")
-    yield from _columns(form.log, names)
-    choices = [(choice.effect, choice.joint, choice.shape) for choice in form.effects]
-    for index, choice in enumerate(choices):
-        if choice in choices[:index]:
-            yield Fault(("effects", index), "recipe-bad-value", f"{choice[0]} is given twice", "remove one")
-    yield from _repeated(
-        [box.name or f"box {k}" for k, box in enumerate(form.safety.boxes, start=1)], "safety", "boxes"
-    )
-    for index, box in enumerate(form.safety.boxes):
-        for axis, low, high in zip("xyz", box.min, box.max, strict=True):
-            if low >= high:
-                what = f"along {axis} the box reaches from {low:g} to {high:g} m, so it has no inside"
-                mend = "write the lower corner as min and the upper as max"
-                yield Fault(("safety", "boxes", index), "recipe-bad-value", what, mend)
-    pairs: list[tuple[int, int]] = []
-    for key in form.coupling:
-        pair = coupled(key) or (0, 0)
-        if pair in pairs:
-            what = f"{key} couples joints that another key couples"
-            yield Fault(("coupling", key), "recipe-bad-value", what, "take one away")
-        pairs.append(pair)
+    boxes = [(box.name or f"box {k}").lower() for k, box in enumerate(form.safety.boxes, start=1)]
+    pairs = [pair for key in form.coupling if (pair := coupled(key)) is not None]
+    yield from _repeated([name.lower() for name in names], "joints", "have the same name")
+    yield from _repeated([(choice.effect, choice.joint, choice.shape) for choice in form.effects], "effects", "are one")
+    yield from _repeated(boxes, "safety", "boxes", "have the same name")
+    yield from _repeated(pairs, "coupling", "couple the same joints")
     for number in sorted({number for pair in pairs for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
             what = f"joint {number} takes part in coupling, and has no gear ratio"
             path = ("joints", number - 1, "gear_ratio")
             yield Fault(path, "recipe-bad-key", what, "add gear_ratio: motor turns per joint turn")
-
-
-def _repeated(names: Sequence[str], *path: str) -> Iterator[Fault]:
-    """Names that stand twice in a list."""
-    lower = [name.lower() for name in names]
-    for index, name in enumerate(lower):
-        if name in lower[:index]:
-            what = f"{path[-1]} {lower.index(name) + 1} and {index + 1} are both named {names[index][:60]}"
-            yield Fault((*path, index, "name"), "recipe-bad-value", what, "give each its own name")
-
-
-def _columns(log: LogForm, names: tuple[str, ...]) -> Iterator[Fault]:
-    """Columns that two quantities take."""
-    taken = {log.time}
+    log, taken = form.log, {form.log.time}
     for key in ("position", "velocity", "current", "temperature"):
         template = getattr(log, key) or ""
         columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}
-        shared = sorted(columns & taken)
-        taken |= columns
-        if shared:
-            what = f"{key} takes column {shared[0]}, which another quantity has already"
+        if columns & taken:
+            what = f"{key} takes column {min(columns & taken)}, which another quantity has already"
             yield Fault(("log", key), "recipe-bad-value", what, "give each quantity its own columns")
+        taken |= columns
     if log.units.position == "rev" and log.units.velocity is None:
         what, mend = "position is in rev, and the unit of velocity is missing", "add velocity: rpm, deg/s or rad/s"
         yield Fault(("log", "units", "position"), "recipe-bad-value", what, mend)
+
+
+def _repeated(items: Sequence[Any], *words: str) -> Iterator[Fault]:
+    """Entries that stand twice in a list; `words` are its path and what is said of them."""
+    *path, alike = words
+    for index, item in enumerate(items):
+        if item in items[:index]:
+            what = f"{path[-1]} {items.index(item) + 1} and {index + 1} {alike}"
+            yield Fault((*path, index), "recipe-bad-value", what, "give each its own name, or take one away")

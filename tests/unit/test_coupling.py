@@ -70,7 +70,7 @@ def test_a_recipe_states_the_coupling(tmp_path):
         ("{r74: 0.1}", "recipe-bad-value", "r74 does not name two of the 6 joints"),
         ("{wrist: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
         ("{r1210: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
-        ("{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "r5_4 couples joints that another key couples"),
+        ("{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "coupling 1 and 2 couple the same joints"),
         ("{r54: fast}", "recipe-bad-value", "should be a valid number"),
     ],
 )

@@ -140,7 +140,7 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
         (("{position: deg}", "{position: m}"), "recipe-bad-value", "prismatic_position"),
         (("joint: hand", "joint: hnad"), "recipe-bad-value", "did you mean hand?"),
         (("joint: 1", "joint: 4"), "recipe-bad-value", "from 1 to 3"),
-        (("{effect: stribeck", "{effect: stribeck@3"), "recipe-bad-value", "{effect: stribeck, joint: 3}"),
+        (("{effect: stribeck", "{effect: stribeck@3"), "recipe-bad-value", "{effect: NAME, joint: 3}"),
         (("alpha: 90,", ""), "recipe-bad-key", "alpha"),
         (("d: 0.1, ", ""), "recipe-bad-key", "d: 0"),
         (("theta: 180, ", ""), "recipe-bad-key", "theta: 0"),

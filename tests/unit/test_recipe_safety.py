@@ -40,11 +40,11 @@ def test_defaults(tmp_path):
     [
         ("boxs: []", "recipe-bad-key", "did you mean boxes?"),
         ("boxes: [{min: [0, 0, 0]}]", "recipe-bad-key", "add max: [x, y, z]"),
-        ("boxes: [{min: [0, 0, 1], max: [1, 1, 0]}]", "recipe-bad-value", "along z the box reaches from 1 to 0 m"),
+        ("boxes: [{min: [0, 0, 1], max: [1, 1, 0]}]", "recipe-bad-value", "the box has no inside"),
         ("boxes: [{min: [0, 0], max: [1, 1, 1]}]", "recipe-bad-value", "min has too few values"),
         ("boxes: [{min: [0, 0, .nan], max: [1, 1, 1]}]", "recipe-bad-value", "finite number"),
         ("boxes: [{min: [0, 0, 0], max: [1000, 1, 1]}]", "recipe-bad-value", "m, not mm"),
-        (f"boxes: [{BOX}, {BOX}]", "recipe-bad-value", "boxes 1 and 2 are both named table"),
+        (f"boxes: [{BOX}, {BOX}]", "recipe-bad-value", "boxes 1 and 2 have the same name"),
         ("boxes: 3", "recipe-bad-value", "write [{name: table"),
         ("spheres: [{link: 7, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "there is no link 7"),
         ("spheres: [{link: -1, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "from 0 (the base) to 6"),
