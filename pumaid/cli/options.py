@@ -23,19 +23,6 @@ if TYPE_CHECKING:
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
-#: Names of one thing: what the program writes goes where ``-`` goes.
-_STDOUT = {"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"}
-
-
-class _Place(click.Path):
-    """Where something goes; an empty word, which would be the working folder, is no place."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if str(value) == "":
-            self.fail("the name is empty; a folder or file has one, the working folder is '.'", param, ctx)
-        return super().convert("-" if self.allow_dash and str(value) in _STDOUT else value, param, ctx)
-
-
 FILE = click.Path(path_type=Path)
 FILE_OR_PIPE = click.Path(path_type=Path, allow_dash=True)
 
@@ -48,7 +35,7 @@ recipe_option = click.option(
 )
 results_option = click.option(
     "--results",
-    type=_Place(path_type=Path),
+    type=FILE,
     metavar="FOLDER",
     help="Where results go; else results/ beside the recipe.",
 )
@@ -97,8 +84,7 @@ remove_option = click.option(
 
 def output_option(text: str) -> Callable[[Decorated], Decorated]:
     """``-o FILE`` as `output`: Path or None; ``-`` is standard output. `text` is its help."""
-    kind = _Place(path_type=Path, allow_dash=True)
-    return click.option("-o", "--output", type=kind, metavar="FILE", help=text)
+    return click.option("-o", "--output", type=FILE_OR_PIPE, metavar="FILE", help=text)
 
 
 def separated(kind: click.ParamType, count: int | None = None) -> Callable[..., tuple[Any, ...] | None]:
@@ -115,18 +101,10 @@ def separated(kind: click.ParamType, count: int | None = None) -> Callable[..., 
     return read
 
 
-def _no_empty(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> tuple[str, ...]:
-    """Refuse an empty word: it would mean every log below the working folder."""
-    if "" in words:
-        raise click.BadParameter("the name is empty; give a file, a folder or a glob among LOGS, or 'posture'")
-    return words
-
-
 heldout_option = click.option(
     "--heldout",
     multiple=True,
     metavar="FILE|posture",
-    callback=_no_empty,
     help="Logs kept for judging, or each joint's last posture; repeatable.",
 )
 trust_option = click.option("--trust", is_flag=True, help="Take logs that look wrong: refusals become notes.")

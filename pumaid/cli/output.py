@@ -46,27 +46,25 @@ def notes(found: Iterable[Note]) -> None:
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 
 
-def table(renderable: Any) -> None:
-    """A table or paragraph on standard output: as wide as the terminal, in a pipe `WIDTH` characters, uncoloured."""
+def tables(*parts: Any) -> None:
+    """Tables and paragraphs, those that are there, on standard output, with an empty line between them.
+
+    They are as wide as the terminal; in a pipe `WIDTH` characters, uncoloured.
+    """
     from rich.console import Console
 
     from pumaid.reporting.table import WIDTH
 
-    if isinstance(renderable, str):
-        say(renderable)
-        return
     console = Console(file=sys.stdout, highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDTH
-    console.print(renderable)
-
-
-def tables(*parts: Any) -> None:
-    """Tables and paragraphs, those that are there, with an empty line between them."""
     for number, part in enumerate(part for part in parts if part is not None):
         if number:
             say()
-        table(part)
+        if isinstance(part, str):
+            say(part)
+        else:
+            console.print(part)
 
 
 def write_picture(path: Path, drawing: Any) -> None:
@@ -102,19 +100,15 @@ def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> 
     """
     inputs = [path for path in (*read, *effect_files()) if path is not None and str(path) != "-"]
     for place in places:
-        taken = [] if place is None or str(place) == "-" else [path for path in inputs if _is_same(place, path)]
+        taken = (
+            []
+            if place is None or str(place) == "-"
+            else [path for path in inputs if os.path.realpath(place) == os.path.realpath(path)]
+        )
         if taken:
             what = f"{place} is an input (log, recipe, plan, model ...), which a result must not replace"
             also = "" if taken[0] == place else f": it is {taken[0]}"
             raise ResultError("output-is-input", what + also, Where(file=str(place)), "write to another file")
-
-
-def _is_same(one: Path, other: Path) -> bool:
-    """Whether two paths lead to one plain file, through links too."""
-    try:
-        return one.samefile(other) and one.is_file()
-    except OSError:
-        return os.path.realpath(one) == os.path.realpath(other)
 
 
 @contextmanager

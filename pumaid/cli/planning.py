@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from pumaid.cli.output import content, document, notes, table, write_picture
+from pumaid.cli.output import content, document, notes, tables, write_picture
 
 if TYPE_CHECKING:
     from pumaid.robot import Robot
@@ -104,6 +104,4 @@ def print_plan(plan: Plan, robot: Robot, *, form: str, as_json: bool, is_piped: 
     elif is_piped:
         content(plan_form(form)[1](plan, robot).rstrip("\n") + "\n")
     else:
-        for item in plan_tables(plan, robot):
-            table(item)
-            table("")
+        tables(*plan_tables(plan, robot))

@@ -272,12 +272,12 @@ class Cleaner:
         if not len(rows):
             return None
         before, self._last = self._last, table[:, -1].copy()
-        self._count_steps(rows, table[0], None if before is None else float(before[0]))
+        self._count_steps(rows, table[0], before)
         self._unwrap(rows, table, before)
         if math.isnan(self.first_time):
             self.first_time = float(table[0, 0])
             starts_clock = self.follows is not None and not self.first_time > self.follows
-        if math.isnan(self._clock_start):
+        if not self._clock_rows:
             self._clock_start = float(table[0, 0])
         self.last_time = float(table[0, -1])
         self._clock_rows += len(rows)
@@ -296,12 +296,11 @@ class Cleaner:
         self._n_repeated += int(np.count_nonzero(is_tied & is_same))
         return rows[~is_tied], table[:, ~is_tied]
 
-    def _count_steps(self, rows: Rows, time: Floats, before: float | None) -> None:
+    def _count_steps(self, rows: Rows, time: Floats, before: Floats | None) -> None:
         """Take in the times between samples; those that may be gaps are held until the median stands."""
-        steps = np.diff(time, prepend=time[0] if before is None else before)
-        first = before is None
-        if len(self._steps) < _PROBE:
-            self._steps = np.concatenate([self._steps, steps[first:][: _PROBE - len(self._steps)]])
+        steps = np.diff(time, prepend=time[0] if before is None else before[0])
+        room = _PROBE - len(self._steps)
+        self._steps = np.concatenate([self._steps, steps[before is None :][:room]])
         is_long = steps > _GAP_SECONDS
         if is_long.any():
             self._long = np.hstack([self._long, [rows[is_long], time[is_long] - steps[is_long], steps[is_long]]])
@@ -355,11 +354,15 @@ class Cleaner:
             counts = {self.columns.names[at]: self._unknown[int(at)] for at in self.columns.places[quantity][:, 1]}
             empty = [name for name, count in counts.items() if count == self.n_rows > 0]
             partly = [f"{name} in {count}" for name, count in counts.items() if 0 < count < self.n_rows]
+            if quantity == "current" and empty == [*counts] != []:
+                what = f"the currents of {self.name} are empty ({listed(empty)})"
+                raise LogError("no-current", what, Where(file=self.name, column=empty[0]), "record the motor currents")
             texts = [f"column {listed(empty)} is empty: {of_all}"] if empty else []
             if partly:
                 texts.append(f"there is no {quantity} in some of {self.n_rows} rows ({listed(partly)}): {of_part}")
             notes += [Note(f"{quantity}-absent", text, Where(file=self.name)) for text in texts]
-        notes += self._tied_rows()
+        if self._ties.count:
+            notes.append(self._tied_rows())
         if self._wraps:
             named = ", ".join(f"joint {joint + 1} ({self._wraps[joint].count} times)" for joint in sorted(self._wraps))
             joint = min(self._wraps, key=lambda joint: self._wraps[joint].first)
@@ -369,37 +372,29 @@ class Cleaner:
         return notes + self._uneven_times()
 
     def _bad_rows(self) -> list[Note]:
-        currents = self.columns.places["current"][:, 1]
-        absent = [self._unknown[int(index)] for index in currents]
-        if self.n_rows and absent and min(absent) == self.n_rows:
-            names = [self.columns.names[index] for index in currents]
-            what = f"the currents of {self.name} are empty ({listed(names)})"
-            raise LogError("no-current", what, Where(file=self.name, column=names[0]), "record the motor currents")
-        if not self._n_bad:
+        if not self._bad:
             return []
         counts = [f"{name} in {bad.count} (first in row {bad.first})" for name, bad in self._bad.items()]
         text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {listed(counts, separator='; ')}"
         row = min(bad.first for bad in self._bad.values())
         if self._n_bad <= MAX_BAD * self.n_rows:
             return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
-        mend = "check units and columns in the recipe's log block; leave out what was not measured"
-        without = max(absent, default=0)
-        if self._n_bad + without >= (1.0 - MAX_BAD) * self.n_rows and without > MAX_BAD * self.n_rows:
-            mend = "positions and currents stand in different rows: join them by time (pandas.merge_asof does it)"
+        mend = (
+            "check units and columns in the recipe's log block; where positions and currents stand in different rows,"
+            " join them by time (pandas.merge_asof does it)"
+        )
         column = max(self._bad, key=lambda name: self._bad[name].count)
         raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
 
-    def _tied_rows(self) -> list[Note]:
+    def _tied_rows(self) -> Note:
         count, n_changed = self._ties.count, self._ties.count - self._n_repeated
-        if not count:
-            return []
         where = Where(file=self.name, row=self._ties.first, column=self.columns.names[0])
         text = f"{count} of {self.n_rows} rows have the time of the row before (first in row {self._ties.first})"
         if n_changed > 0.5 * self.n_rows:
             what = f"{text}, so the samples cannot be told apart in time"
             raise LogError("clock-too-coarse", what, where, "write the time with more digits")
         more = f"; {n_changed} of them hold other values: the clock is coarser than the sampling" if n_changed else ""
-        return [Note("time-repeated", f"{text} and are left out{more}", where)]
+        return Note("time-repeated", f"{text} and are left out{more}", where)
 
     def _uneven_times(self) -> list[Note]:
         """A note if times jitter, and one if there are gaps."""

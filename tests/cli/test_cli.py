@@ -95,7 +95,7 @@ def test_tables_in_a_pipe_are_at_most_100_characters_wide(capsys):
     """A wide table is split where there is no terminal; nothing of it is lost."""
     from pumaid.reporting.table import Table
 
-    output.table(Table("", [f"column {n}" for n in range(30)], [[str(n) * 8 for n in range(10, 40)]]))
+    output.tables(Table("", [f"column {n}" for n in range(30)], [[str(n) * 8 for n in range(10, 40)]]))
     lines = capsys.readouterr().out.splitlines()
     assert max(len(line.rstrip()) for line in lines) <= 100
     assert all(str(n) * 8 in " ".join(lines) for n in range(10, 40))

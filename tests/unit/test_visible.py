@@ -29,7 +29,7 @@ def test_all_ways_to_a_terminal_are_guarded(capsys):
     output.say(STEERING)
     output.remark(STEERING)
     output.notes([Note("odd", STEERING)])
-    output.table(session_table([(STEERING, 1, 0.0, 1.0)]))
+    output.tables(session_table([(STEERING, 1, 0.0, 1.0)]))
     told = capsys.readouterr()
     assert re.findall("[\x1b\x07\u202e]", told.out + told.err) == [] and (told.out + told.err).count(r"\x1b") == 4
     output.content(STEERING)

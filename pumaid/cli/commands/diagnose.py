@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, effect_files, notes, progress, remark, table, write_picture
+from pumaid.cli.output import document, effect_files, notes, progress, remark, tables, write_picture
 
 if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
@@ -45,6 +45,8 @@ def command(
       pumaid diagnose results/model.json logs/ --plan next.yaml --suspect supply_voltage
       pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
     """
+    from rich.console import Group
+
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.io.write import refuse_to_replace
     from pumaid.reporting.figures.residuals import diagnosis_figure
@@ -65,9 +67,8 @@ def command(
         document(diagnosis_document(diagnosis))
     else:
         steps = ladder_of(current) if current is not None and diagnosis.applied else None
-        before = ["", history_table(steps), ""] if steps is not None else []
-        for part in (*before, *diagnosis_parts(diagnosis, robot, units=request.units)):
-            table(part)
+        ladder = Group("", history_table(steps)) if steps is not None else None
+        tables(ladder, Group(*diagnosis_parts(diagnosis, robot, units=request.units)))
     if is_written:
         remark(f"diagnosis written to {path}")
     drawing = diagnosis_figure(diagnosis, robot, request.units) if request.picture is not None else None
@@ -100,7 +101,7 @@ def _diagnosis(
 
     diagnosis = again(estimate)
     if model is not None:
-        tell = remark if is_quiet else lambda text: table(Paragraph(text))
+        tell = remark if is_quiet else lambda text: tables(Paragraph(text))
         diagnosis, estimate = added(diagnosis, estimate, dataset, robot=robot, model=model, again=again, tell=tell)
     notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
     return with_earlier(diagnosis, estimate, earlier), robot

@@ -7,7 +7,7 @@ from typing import Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, say, table
+from pumaid.cli.output import document, say, tables
 
 
 @click.command()
@@ -52,7 +52,7 @@ def _list(effects: list[dict[str, Any]]) -> None:
         rows.append([name, effect["title"], effect["equation"], effect["family"], ", ".join(effect["look_alikes"])])
     caption = "s sign of motion, q position, v speed, t time, load: of gravity, drawn: the predicted current (A)"
     header = ("effect", "meaning", "current", "family", "look-alikes")
-    table(Table("", header, rows, caption=caption, words=(0, 1, 2, 3, 4)))
+    tables(Table("", header, rows, caption=caption, words=(0, 1, 2, 3, 4)))
 
 
 def _explain(effect: dict[str, Any], picture: str) -> None:
@@ -67,7 +67,7 @@ def _explain(effect: dict[str, Any], picture: str) -> None:
             rows.append([item["owner"], item["name"], item["unit"], limits, example, item["meaning"]])
         if rows:
             header = ("joint", kind, "unit", "bounds", "example", "meaning")
-            table(Table(title, header, rows, words=(0, 1, 2, 3, 5)))
+            tables(Table(title, header, rows, words=(0, 1, 2, 3, 5)))
             say()
     lines = [f"not at a {kind} joint: {reason}\n" for kind, reason in effect["not_at"].items()]
     lines += [f"signature ({effect['signature']['at']}):", picture, ""]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import content, document, notes, remark, spare_inputs, table
+from pumaid.cli.output import content, document, notes, remark, spare_inputs, tables
 from pumaid.errors import listed, meant
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def command(
         document(facts)
         return
     if urdf is not None:
-        table(axes_table(robot))
+        tables(axes_table(robot))
     remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then: pumaid plan {path}")
 
 
@@ -138,4 +138,4 @@ def _list(as_json: bool) -> None:
         return
     lines = [[str(value) for value in row.values()] for row in rows]
     lines.append(["blank", "to fill in, any number of joints", "--joints N"])
-    table(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))
+    tables(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, progress, remark, spare_inputs, table
+from pumaid.cli.output import document, notes, progress, remark, spare_inputs, tables
 
 if TYPE_CHECKING:
     from pumaid.robot import Robot
@@ -95,7 +95,7 @@ def command(
     if as_json:
         document(session_document(robot.name, seed, files))
     else:
-        table(session_table(files))
+        tables(session_table(files))
     remark(f"logs and truth.json written to {folder}")
 
 
