@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pumaid.effect_choice import ALL, did_you_mean, read_choice
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Parameter, Shape
-from pumaid.errors import ModelError, Where
+from pumaid.errors import ModelError, Where, meant, nearest
 from pumaid.estimate import Estimate
 from pumaid.maths import Floats
-from pumaid.robot import EffectChoice, Robot
+from pumaid.robot import ALL, EffectChoice, Robot, read_choice
 from pumaid.samples import Samples
 
 #: What to do where an effect is not known that may be a user's own.
@@ -280,7 +279,8 @@ def known_effect(name: str, where: Where) -> Effect:
     effects = catalogue()
     if name not in effects:
         what = f"there is no effect {name} in the catalogue: {', '.join(effects)}" if name else "no effect is named"
-        mend = did_you_mean(name, effects, f"pumaid effects lists the names; {OWN}")
+        near = nearest(name, effects)
+        mend = f"did you mean {near}?" if near else f"pumaid effects lists the names; {OWN}"
         raise ModelError("unknown-effect", what, where, mend)
     if effects[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
@@ -306,9 +306,8 @@ def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectC
         shapes = {shape.name: shape for shape in effect.shapes(robot, number)}
         for name, value in choice.shape.items():
             if name not in shapes:
-                options = f"known: {', '.join(shapes)}" if shapes else f"{effect.name} has no shape: leave it out"
-                what, mend = f"{effect.name} has no shape called {name}", did_you_mean(name, shapes, options)
-                raise ModelError("effect-shape", what, where, mend)
+                mend = meant(name, list(shapes)) if shapes else "leave it out"
+                raise ModelError("effect-shape", f"{effect.name} has no shape called {name}", where, mend)
             if not shapes[name].low <= value <= shapes[name].high:
                 what = f"{name} of {effect.name} is {value:g}"
                 mend = f"write a number from {shapes[name].low:g} to {shapes[name].high:g}"

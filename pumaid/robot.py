@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from pumaid.errors import ModelError, Where, nearest
+from pumaid.maths import Flags, Floats
+
 Point = tuple[float, float, float]
+#: The joint of a choice that stands for all of them.
+ALL = "all"
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +150,7 @@ class Robot:
         return _placements(self.joints)
 
     @property
-    def is_revolute(self) -> NDArray[np.bool_]:
+    def is_revolute(self) -> Flags:
         """(J,) whether each joint turns."""
         return np.array([joint.is_revolute for joint in self.joints])
 
@@ -204,3 +208,32 @@ def _placements(joints: tuple[Joint, ...]) -> Floats:
     out = np.array([joint.frame for joint in joints])
     out.setflags(write=False)
     return out
+
+
+def read_choice(text: str, robot: Robot, option: str) -> EffectChoice:
+    """What a user writes after `option`, ``EFFECT[@JOINT][:KEY=VALUE,...]``; the effect and its keys are not checked.
+
+    The joint is a number from 1, a joint's name or ``all`` (as is none). Raises ModelError: effect-joint where there is
+    no such joint, effect-shape where a value is no number or given twice.
+    """
+    where, shape = Where(field=f"{option} {text}"), dict[str, float]()
+    head, _, tail = text.partition(":")
+    name, at, word = (part.strip() for part in head.partition("@"))
+    if at and not word:
+        raise ModelError("effect-joint", "no joint is named after the @", where, f"write {option} stribeck@3")
+    names = {axis.name: axis.number for axis in robot.joints}
+    joint = None if word in ("", ALL) else names.get(word) or (int(word) if word.isdecimal() else 0)
+    if joint is not None and not 1 <= joint <= robot.n_joints:
+        near = nearest(word, names)
+        mend = f"did you mean {near}?" if near else f"one of {', '.join(names)}, a number from 1, or {ALL}"
+        raise ModelError("effect-joint", f"{robot.name} has no joint {word}", where, mend)
+    for key, _, value in (part.partition("=") for part in tail.split(",") if part.strip()):
+        key = key.strip()
+        if key in shape:
+            raise ModelError("effect-shape", f"{key} is given twice", where, "give it once")
+        try:
+            shape[key] = float(value)
+        except ValueError:
+            what = f"{key} is {value!r}, which is no number"
+            raise ModelError("effect-shape", what, where, f"write {key}=NUMBER, or leave it out") from None
+    return EffectChoice(name, joint, shape)

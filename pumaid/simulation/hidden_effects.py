@@ -13,10 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pumaid.effect_choice import did_you_mean, read_choice
-from pumaid.errors import ModelError, Where, refuse
+from pumaid.errors import ModelError, Where, meant, refuse
 from pumaid.maths import Floats
-from pumaid.robot import Robot
+from pumaid.robot import Robot, read_choice
 
 #: degC of the room, in which every motor begins; s in which a motor comes within 1/e of its last temperature; degC
 #: above the room of a motor that draws its usual current for good.
@@ -271,12 +270,12 @@ def parse(text: str, robot: Robot) -> Hidden:
     name, law, keys = choice.effect, LAWS.get(choice.effect), KEYS.get(choice.effect, ())
     mends = {}
     if law is None:
-        mends[f"{name!r} is no effect that simulate can hide"] = did_you_mean(name, LAWS, f"known: {', '.join(LAWS)}")
+        mends[f"{name!r} is no effect that simulate can hide"] = meant(name, list(LAWS))
     elif law.is_of_arm and choice.joint is not None:
         mends[f"{name} belongs to the whole arm"] = f"--hide {name}"
     for key, value in choice.shape.items() if law else ():
         if key not in keys:
-            mends[f"{name} has no value {key!r}"] = did_you_mean(key, keys, f"known: {', '.join(keys)}")
+            mends[f"{name} has no value {key!r}"] = meant(key, keys)
         elif not abs(value) <= GREATEST:
             mends[f"{key} is {value}, not a finite number up to {GREATEST:g}"] = f"give a smaller number for {key}"
     refuse([ModelError("hide-wrong", what, place, mend) for what, mend in mends.items()])

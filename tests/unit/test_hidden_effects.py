@@ -341,7 +341,7 @@ def test_usual_size_shows(effect):
         ("stribeck:velocty=1", "did you mean velocity?"),
         ("stribeck:a=big", "write a=NUMBER"),
         ("tilt@2", "--hide tilt"),
-        ("", "known: stribeck"),
+        ("", "known here: stribeck"),
     ],
 )
 def test_wrong_names_are_told(text, mend):

@@ -26,7 +26,7 @@ PACKAGE = ROOT / "pumaid"
 FLOORS = (
     {"errors", "units"},
     {"maths", "robot", "kinematics", "rigid_body", "trajectory"},
-    {"dataset", "effect_choice", "estimate", "samples"},
+    {"dataset", "estimate", "samples"},
     {"effects", "io"},
     {"preprocessing", "simulation"},
     {"joint_bins", "structure"},
