@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from pumaid import __version__
-from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where
+from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where, listed
 
 if TYPE_CHECKING:
     from pumaid.dataset import Dataset
@@ -158,8 +158,7 @@ def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> 
     unfitted = [facts.name for facts in dataset.files if facts.digest not in fitted]
     if trust or not fitted or not unfitted:
         return
-    shown = ", ".join(unfitted[:3]) + (" ..." if len(unfitted) > 3 else "")
-    what = f"the model was not fitted to {len(unfitted)} of these logs: {shown} (by their SHA-256)"
+    what = f"the model was not fitted to {len(unfitted)} of these logs: {listed(unfitted, 3)} (by their SHA-256)"
     mend = "identify with these logs first, or give those of the model; --trust takes them all the same"
     raise ModelError("model-other-logs", what, Where(file=unfitted[0]), mend)
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from pumaid.effect_spec import Column
 from pumaid.effects import Scope
+from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation import reasons
 from pumaid.estimation.covariance import Clustered, completed, interval, two_sided
 from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.noise import freedoms
-from pumaid.estimation.reasons import JointCoverage, Reason, reason
+from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
 from pumaid.maths import Counts, Floats
 from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
 from pumaid.model import DELAY
@@ -107,7 +108,7 @@ class FittedParameters:
         bare = Value(column.name, column.symbol, column.owner or None, column.unit)
         is_idle = column.scope in (Scope.JOINT, Scope.LINK) and self.coverage[column.owner].runs == 0
         if column.place is None and index in self.confounded and not is_idle:
-            return _open(bare, reason("confounded", names=reasons.listed(self.confounded[index])))
+            return _open(bare, reason("confounded", names=listed(self.confounded[index], NAMED)))
         is_open = is_idle or partners is not None
         if column.place is not None:
             # Known hardly better than before any data, or a shape best at a bound.
@@ -154,7 +155,7 @@ class FittedParameters:
         if self.coverage[inner].runs and self.coverage[outer].runs and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
             if together:
-                return _open(bare, reason("confounded", names=reasons.listed(together)))
+                return _open(bare, reason("confounded", names=listed(together, NAMED)))
             if not any(self._partners(p + edge) is not None or self._rests_on_open(edge) for edge in edges):
                 off = float(np.sum((gradient @ self.reach()[p:]) ** 2))
                 variance = float(gradient @ self.covariance[p:, p:] @ gradient) + off

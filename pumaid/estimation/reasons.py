@@ -8,6 +8,7 @@ import numpy as np
 from pumaid.dataset import BLOCK, Run
 from pumaid.effect_spec import Column
 from pumaid.effects import Family, Scope
+from pumaid.errors import listed
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
 from pumaid.model import Model
@@ -22,6 +23,9 @@ UNFELT = 1e-7
 SURELY_FELT = 5.0
 #: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
 LEAST_LEVER = 0.035
+
+#: Names that a reason lists at most.
+NAMED = 3
 
 MOVE_ALONE = "move the joint alone, at several speeds, both ways"
 LEVEL = "repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
@@ -151,11 +155,6 @@ class JointCoverage:
         return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
 
 
-def listed(names: Sequence[str]) -> str:
-    """Up to three names, and how many more there are."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-
-
 def of_column(
     model: Model, column: Column, *, coverage: Mapping[int, JointCoverage], partners: Sequence[str], lever: float = 1.0
 ) -> Reason:
@@ -174,11 +173,11 @@ def of_column(
         if column.shape is not None or not partners:
             return reason("no effect" if column.shape is None else "any value", more=more)
         rest = [name for name in partners if name.split(".")[0] != column.effect]
-        return reason("confounded", names=listed(rest or partners), more=more)
+        return reason("confounded", names=listed(rest or partners, NAMED), more=more)
     if column.effect in ("coulomb", "viscous"):
         return _of_friction(model, column, coverage[column.owner], partners)
     if column.effect != "gravity":
-        return reason("together", names=listed(partners) or "nothing that these runs vary")
+        return reason("together", names=listed(partners, NAMED) or "nothing that these runs vary")
     of_friction = any(name.startswith(("coulomb", "viscous")) for name in partners)
     if not model.robot.joint(column.owner).is_revolute and of_friction:
         return reason("one load")
@@ -187,8 +186,10 @@ def of_column(
     if lever < LEAST_LEVER or not partners:
         return reason("upright")
     if beyond and coverage[column.owner].postures < 2:
-        return reason("one posture", names=listed(beyond))
-    return reason("together", names=listed(outer)) if outer and not of_friction else reason("friction and weight")
+        return reason("one posture", names=listed(beyond, NAMED))
+    return (
+        reason("together", names=listed(outer, NAMED)) if outer and not of_friction else reason("friction and weight")
+    )
 
 
 def _of_friction(model: Model, column: Column, covered: JointCoverage, partners: Sequence[str]) -> Reason:

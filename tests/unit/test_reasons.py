@@ -59,7 +59,7 @@ CASES = {
     "one outer posture": ("gravity.l1.x", [FIRST], ["gravity.l3.x"], "held in one posture only", "held elsewhere"),
     "many partners": (
         *("gravity.l1.x", [FIRST, run(1, (0, 0, 1), 0.3)], [f"gravity.l{n}.x" for n in (2, 3, 4, 5, 6)]),
-        *("gravity.l2.x, gravity.l3.x, gravity.l4.x and 2 more", "other postures"),
+        *("gravity.l2.x, gravity.l3.x, gravity.l4.x ... (5 in all)", "other postures"),
     ),
     "a weight never felt": ("gravity.l1.x", [FIRST], [], "next to nothing", "lies level"),
 }
