@@ -11,7 +11,7 @@ from pumaid.dataset import BLOCK, Dataset
 from pumaid.diagnosis.records import Diagnosis
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import Comparison, RunScore
-from pumaid.reporting.formatting import in_unit, joint_title
+from pumaid.reporting.formatting import in_unit
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
 
@@ -38,21 +38,13 @@ class ReportContext:
     stale: tuple[str, ...] = ()
     ladder: Ladder | None = None
 
-    def title(self, joint: int) -> str:
-        """Number and name of joint `joint` (from 1)."""
-        return joint_title(self.robot, joint)
-
     def moving(self) -> list[int]:
         """Joints (from 1) that have runs."""
         return sorted({score.run.joint for score in self.comparison.runs})
 
-    def shown(self, joint: int, positions: Floats) -> Floats:
-        """Positions or speeds of a joint (SI) in the unit of `position_unit`."""
-        return positions * in_unit(self.robot.joint(joint).position_unit, self.units)[0]
-
-    def position_unit(self, joint: int) -> str:
-        """``rad``, ``deg`` or ``m``."""
-        return self.units if self.robot.joint(joint).is_revolute else "m"
+    def unit(self, joint: int) -> tuple[float, str]:
+        """Factor and name of the unit in which positions of a joint (SI) are shown: ``rad``, ``deg`` or ``m``."""
+        return in_unit(self.robot.joint(joint).position_unit, self.units)
 
     def postures(self, joint: int) -> list[list[RunScore]]:
         """Runs of a joint by the positions of the other joints, the largest group first; blocks are one group."""

@@ -14,7 +14,6 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import TOGETHER, Budget, Comparison
 from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
-from pumaid.reporting.table import Table
 from pumaid.reporting.tables import parameter_table
 from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
 from pumaid.results.history import History, Rung
@@ -115,7 +114,8 @@ def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "
     """
     if form in ("csv", "parquet", "json"):
         return frame_as(parameters_frame(estimate, units), form)
-    return table_as(parameter_table(estimate, robot, units), form)
+    text: str = getattr(parameter_table(estimate, robot, units), form)()
+    return text.encode("utf-8")
 
 
 def frame_as(frame: pd.DataFrame, form: str) -> bytes:
@@ -126,12 +126,6 @@ def frame_as(frame: pd.DataFrame, form: str) -> bytes:
         records = json.loads(frame.to_json(orient="records", double_precision=15))
         return (json.dumps(records, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
     return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
-
-
-def table_as(table: Table, form: str) -> bytes:
-    """A table as a file's content: ``text``, ``latex`` or ``markdown``."""
-    text: str = getattr(table, form)()
-    return text.encode("utf-8")
 
 
 # Comparison

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from pumaid import __version__
 from pumaid.reporting import sections
 from pumaid.reporting.context import ReportContext
-from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, runs_frame, table_as
+from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, runs_frame
 from pumaid.reporting.figures.style import DARK, INLINE, Drawing
 from pumaid.reporting.sections import Content, Section
 from pumaid.reporting.table import environment
@@ -69,9 +69,9 @@ def report_files(context: ReportContext, forms: Iterable[str]) -> Iterator[tuple
     for form in ("csv", "parquet", "latex", "markdown"):
         content = parameters_as(context.estimate, context.robot, form, units=context.units)
         yield f"tables/parameters.{TABLE_FORMS[form]}", content
-    for form in ("latex", "markdown"):
-        table = comparison_table(context.comparison, context.robot)
-        yield f"tables/comparison.{TABLE_FORMS[form]}", table_as(table, form)
+    table = comparison_table(context.comparison, context.robot)
+    yield "tables/comparison.tex", table.latex().encode("utf-8")
+    yield "tables/comparison.md", table.markdown().encode("utf-8")
     for form in ("csv", "parquet"):
         yield f"tables/runs.{form}", frame_as(runs_frame(context.comparison), form)
     contents, pictures = all_contents(context), {}

@@ -133,21 +133,17 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in _ORDER)
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
     legend += ["n/i: not identifiable from these logs"] if marks else []
-    caption = f"In units of each joint's motor current. {'; '.join(legend)}.{_arm_wide(estimate, units)}"
+    texts = []  # parameters of the whole arm, which have no column
+    for value in estimate.values:
+        if value.joint is None and not value.name.startswith("gain_ratio"):
+            words = _value_cell(value, units, {}).lines(stacked=False).removesuffix(" a")
+            reason = f" ({value.reason})" if value.value is None else f" {in_unit(value.unit, units)[1]}"
+            texts.append(f"{value.name} {words}{reason}")
+    arm = f" Whole arm: {'; '.join(texts)}." if texts else ""
+    caption = f"In units of each joint's motor current. {'; '.join(legend)}.{arm}"
     notes = [*notes_of(marks), *((mark, reason) for reason, mark in structural.items())]
     header = ["link", *(str(joint.number) for joint in robot.joints)]
     return Table(f"{robot.name}: parameters ± standard error", header, body, notes, caption)
-
-
-def _arm_wide(estimate: Estimate, units: str) -> str:
-    """Parameters of the whole arm, which have no column."""
-    texts = []
-    for value in estimate.values:
-        if value.joint is None and not value.name.startswith("gain_ratio"):
-            cell = _value_cell(value, units, {})
-            reason = f" ({value.reason})" if value.value is None else f" {in_unit(value.unit, units)[1]}"
-            texts.append(f"{value.name} {cell.lines(stacked=False).removesuffix(' a')}{reason}")
-    return f" Whole arm: {'; '.join(texts)}." if texts else ""
 
 
 def row_of(value: Value) -> tuple[str, str]:

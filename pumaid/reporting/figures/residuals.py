@@ -88,9 +88,9 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
     groups = context.postures(joint)
     is_free = all(score.run.kind == BLOCK for score in groups[0]) and len(groups) == 1
     shown = [[score] for score in groups[0][:MOST_POSTURES]] if is_free else groups[:MOST_POSTURES]
-    variable, unit = ("time", "s") if is_free else ("position", context.position_unit(joint))
+    variable, unit = ("time", "s") if is_free else ("position", context.unit(joint)[1])
     figure, all_axes = panels(len(shown), height=2.35 if len(shown) == 1 else 1.85, sharex=True, sharey=True)
-    names = " | ".join(dict.fromkeys(context.position_unit(other.number) for other in context.robot.joints))
+    names = " | ".join(dict.fromkeys(context.unit(other.number)[1] for other in context.robot.joints))
     for axes, group in zip(all_axes, shown, strict=True):
         _course(axes, context, group)
         run = group[0].run
@@ -100,13 +100,15 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
         axes.set_ylabel("current (A)")
         axes.grid(axis="y")
     all_axes[-1].set_xlabel(f"{variable} ({unit})")
-    all_axes[0].set_title(shortened(context.title(joint), 40), pad=18)
+    all_axes[0].set_title(shortened(joint_title(context.robot, joint), 40), pad=18)
     ways = [1, -1] if is_free else [score.run.direction for group in shown for score in group]
     legend(figure, [*direction_handles(ways), Line2D([], [], color=INK, linewidth=1.1, label="predicted")])
     caption = "Dots: measured. Lines: predicted, one a run."
     if len(groups) > MOST_POSTURES:
         caption += f" The {MOST_POSTURES} of {len(groups)} postures with most runs."
-    return Drawing(f"current_j{joint}", f"{context.title(joint)}: current against {variable}", caption, figure)
+    return Drawing(
+        f"current_j{joint}", f"{joint_title(context.robot, joint)}: current against {variable}", caption, figure
+    )
 
 
 def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> None:
@@ -114,7 +116,7 @@ def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> No
     for score in group:
         run, bins = score.run, score.run.bins
         is_block = run.kind == BLOCK
-        x = bins.time - run.start if is_block else context.shown(run.joint, bins.position[:, run.joint - 1])
+        x = bins.time - run.start if is_block else bins.position[:, run.joint - 1] * context.unit(run.joint)[0]
         ways = np.sign(bins.velocity) if is_block else np.full(len(x), run.direction)
         order, steps = np.argsort(x), np.diff(np.sort(x))
         pauses: Any = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if is_block else []
@@ -137,17 +139,17 @@ def residual_figure(context: ReportContext, joint: int) -> Drawing:
     for axes, name in zip(all_axes, names, strict=True):
         _binned(axes, bins, name, context.comparison.joints[joint - 1].noise_floor)
         axes.set_ylabel("residual (A)")
-    all_axes[0].set_title(f"{shortened(context.title(joint), 40)}: residual")
+    all_axes[0].set_title(f"{shortened(joint_title(context.robot, joint), 40)}: residual")
     legend(figure, direction_handles(bins["direction"]))
     postures = [group[0].run.posture.tolist() for group in context.postures(joint)[:4]]
     texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]
-    caption = f"Postures ({context.position_unit(joint)}): {'; '.join(texts)}."
-    return Drawing(f"residual_j{joint}", f"{context.title(joint)}: residual", caption, figure)
+    caption = f"Postures ({context.unit(joint)[1]}): {'; '.join(texts)}."
+    return Drawing(f"residual_j{joint}", f"{joint_title(context.robot, joint)}: residual", caption, figure)
 
 
 def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
     """The bins of a joint's runs: direction, run and residual (A), then what it may depend on, in units of the axes."""
-    unit, shifts = context.position_unit(joint), clock_shifts([score.run for score in context.comparison.runs])
+    (scale, unit), shifts = context.unit(joint), clock_shifts([score.run for score in context.comparison.runs])
     parts: list[pd.DataFrame] = []
     for posture, group in enumerate(context.postures(joint), start=1):
         for score in group:
@@ -160,8 +162,8 @@ def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
                 "direction": np.sign(bins.velocity) if is_block else run.direction,
                 "run": len(parts),
                 "residual": score.residual,
-                f"position ({unit})": context.shown(joint, bins.position[:, joint - 1]),
-                f"speed ({unit}/s)": context.shown(joint, speed),
+                f"position ({unit})": scale * bins.position[:, joint - 1],
+                f"speed ({unit}/s)": scale * speed,
                 "gravity current (A)": score.parts.get("gravity", np.nan if is_merged else 0.0),
                 "time (min)": (bins.time + shifts[run.clock]) / 60.0,
                 "posture (number)": float(posture),
@@ -248,7 +250,7 @@ def overview_figure(context: ReportContext) -> Drawing:
     rows = below.subplots(len(bins), 1 + len(words), squeeze=False, width_ratios=widths)
     for (first, *row), (joint, names) in zip(rows, drawn.items(), strict=True):
         _course(first, context, context.postures(joint)[0])
-        first.set_xlabel(f"position ({context.position_unit(joint)})", labelpad=1)
+        first.set_xlabel(f"position ({context.unit(joint)[1]})", labelpad=1)
         first.set_ylabel(f"joint {joint} (A)")
         for word, axes in zip(words, row, strict=True):
             if word not in names:
