@@ -9,7 +9,7 @@ import worlds
 from scipy.signal import lfilter
 
 from pumaid.dataset import Run
-from pumaid.diagnosis.residual_budget import budget
+from pumaid.diagnosis.compare import budget
 from pumaid.estimation.evaluate import Budget
 from pumaid.joint_bins import joint_bins
 

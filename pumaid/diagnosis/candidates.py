@@ -32,12 +32,8 @@ class Candidates:
     Effect and joint (None: the whole arm) of those that cannot act, or cannot be tried, map to the reason.
     """
 
-    groups: tuple[tuple[EffectTerm, ...], ...] = ()
+    groups: Mapping[Key, tuple[EffectTerm, ...]] = field(default_factory=dict)
     excluded: Mapping[Key, str] = field(default_factory=dict)
-
-    def shapes(self, key: Key) -> tuple[EffectTerm, ...]:
-        """The grid of one effect at one joint."""
-        return next((group for group in self.groups if group[0].key == key), ())
 
 
 def grid_of(solved: Fit, effect: Effect, joint: int | None) -> tuple[EffectTerm, ...]:
@@ -56,7 +52,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     owners: dict[Scope, Sequence[int | None]] = {Scope.ARM: (None,), Scope.CAUSE: range(1, robot.n_joints + 1)}
     present = {term.key for term in solved.model.effects}
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
-    groups, excluded = [], {}
+    groups, excluded = {}, {}
     tried = [effect for effect in effects or catalogue().values() if not effect.base and effect.periodic is None]
     for effect in tried:
         for joint in owners.get(effect.scope, moving):
@@ -64,8 +60,8 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
             if why is not None:
                 excluded[effect.name, joint] = why
             elif effect.is_repeatable or (effect.name, joint) not in present:
-                groups.append(grid_of(solved, effect, joint))
-    return Candidates(tuple(group for group in groups if group), excluded)
+                groups[effect.name, joint] = grid_of(solved, effect, joint)
+    return Candidates({key: group for key, group in groups.items() if group}, excluded)
 
 
 class Expansion(Effect):
@@ -139,10 +135,9 @@ class Suspect(Effect):
         return np.asarray((x * factor)[:, None])
 
 
-#: s in which the transient of a position controller dies down (servo drives have bandwidths of 3 to 10 Hz).
-SETTLING_TIME = 0.025
-#: Speeds beyond which the transients of single speeds are not told apart but scaled with speed.
-MOST_SPEEDS = 6
+#: s in which the transient of a position controller dies down (servo drives have bandwidths of 3 to 10 Hz). Speeds
+#: beyond which the transients of single speeds are not told apart but scaled with speed.
+SETTLING_TIME, MOST_SPEEDS = 0.025, 6
 
 
 def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
@@ -185,9 +180,8 @@ HIGHEST = 0.9
 #: wave, stronger or shifted in some runs.
 SAME = 2.0
 #: Points of the even grid that bins are shared out to, a period of the highest frequency: a wave there leaks 2 %.
-POINTS = 8
 #: Lengths that stand for the ways from bin to bin, which are unequal where the speed is.
-WIDTHS = 8
+POINTS, WIDTHS = 8, 8
 #: Runs below which signs are flipped of pieces of runs, about so many in all: of so few whole runs, flips that change
 #: nothing or all are more than one in fifty. Waves are looked at of which a piece holds this many: what is slower may
 #: be noise that neighbouring pieces share.
@@ -243,15 +237,11 @@ class Spectrum:
         rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.empty(len(signs))
         if self.is_pieces:
             flips = rng.choice([-1.0, 1.0], size=(len(signs), len(self.scores)))
-        batch, scale = max(AT_ONCE // len(self.frequency), 8), 1.0 / np.sqrt(self.information)
-        cosine, sine = self.scores.real * scale, self.scores.imag * scale
+        scaled = self.scores / np.sqrt(self.information)
+        batch, parts = max(AT_ONCE // len(self.frequency), 8), [scaled.real.copy(), scaled.imag.copy()]
         for start in range(0, len(flips), batch):
-            chosen = flips[start : start + batch]
-            squares, sines = chosen @ cosine, chosen @ sine
-            squares *= squares
-            sines *= sines
-            squares += sines
-            out[start : start + batch] = squares.max(axis=1)
+            cosine, sine = (np.square(flips[start : start + batch] @ part) for part in parts)
+            out[start : start + batch] = np.max(np.add(cosine, sine, out=cosine), axis=1)
         return out
 
 

@@ -1,17 +1,18 @@
-"""Diagnose: which physical effect a model misses, with the evidence, the rivals, and the run that would decide."""
+"""Diagnose: which effect a model misses, with the evidence, its picture, the rivals, and the run that would decide."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pumaid.dataset import Campaign, Dataset, Run
-from pumaid.diagnosis.candidates import Key, Suspect
-from pumaid.diagnosis.curves import Trial as Drawn
-from pumaid.diagnosis.curves import curve
+from pumaid.diagnosis.candidates import Suspect
+from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.discrimination import deciding
 from pumaid.diagnosis.records import (
     ABSENT,
@@ -19,44 +20,43 @@ from pumaid.diagnosis.records import (
     ADEQUATE,
     DOUBTFUL,
     UNEXPLAINED_JOINT,
+    Binned,
     Candidate,
     Curve,
     Diagnosis,
     Digest,
     Finding,
     JointDiagnosis,
+    Line,
     Repeats,
     Size,
     Unexplained,
 )
-from pumaid.diagnosis.residual_budget import budget
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
 from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
 from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
-from pumaid.effects import catalogue
+from pumaid.effects import Family, catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.joint_bins import Floats, JointBins
+from pumaid.joint_bins import Floats, JointBins, at, distinct
 from pumaid.maths.rank import pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
+from pumaid.samples import Samples
 from pumaid.units import number
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
-#: Candidates listed for a joint.
-LISTED = 5
-#: Joints whose picture a finding of several joints carries.
-PICTURES = 2
-#: Runs at constant speed from which a joint's strokes are not needed.
-STEADY = 12
+#: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
+#: which a joint's strokes are not needed.
+LISTED, PICTURES, STEADY = 5, 2, 12
 
 
 def sizes(candidate: EvaluatedCandidate) -> tuple[Size, ...]:
@@ -84,29 +84,21 @@ def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats
     return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
 
 
-def rival_name(key: Key, joint: int | None) -> str:
-    """A rival of an effect at `joint`: its name, with its joint where that is another."""
-    name, place = key
-    return name if place == joint or place is None else f"{name}@{place}"
-
-
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
     gain, transfer = 100.0 * candidate.gain, candidate.transfer
-    if candidate.fault == "denied" and transfer is not None and transfer.is_little:
+    denied = "with it runs that were held out are predicted decidedly worse"
+    if transfer is not None and transfer.is_little:
         share, error = (number(100.0 * part, 2) for part in (transfer.share, transfer.std_error))
-        return f"of what it adds to runs that were held out these show only {share} ± {error} %"
-    faults = {
+        denied = f"of what it adds to runs that were held out these show only {share} ± {error} %"
+    instead = f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
+    return {
         "chance": "chance alone makes something as good in these data",
         "heldout": "it does not predict runs that were left out any better",
-        "denied": "with it runs that were held out are predicted decidedly worse",
+        "denied": denied,
         "worth": f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error",
-    }
-    if candidate.fault is not None:
-        return faults[candidate.fault]
-    if better is not None:
-        return f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
-    return f"it lowers the error by {gain:.2g} % and predicts runs that were left out"
+        None: instead if better else f"it lowers the error by {gain:.2g} % and predicts runs that were left out",
+    }[candidate.fault]
 
 
 def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
@@ -127,6 +119,164 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(text for text, holds in claims.items() if holds)
 
 
+#: Bins over a span: narrow enough for the shapes of the catalogue, wide enough to hold several runs each.
+FINE, COARSE = 32, 16
+#: A smooth line of speed has so many points from this share of the slowest speed run to this of the fastest:
+#: look-alikes part below the slowest.
+POINTS, SLOWEST, FASTEST = 80, 0.4, 1.1
+#: Of a family of effects, the variable that shows it; a family that is not named is shown by what the effect itself
+#: adds.
+VARIABLES = {
+    Family.SPEED: "speed",
+    Family.LOAD: "load",
+    Family.POSITION: "position",
+    Family.TORQUE: "position",
+    Family.RIPPLE: "position",
+    Family.PAYLOAD: "time",
+    Family.START: "travel",
+    Family.TIME: "time",
+    Family.TEMPERATURE: "temperature",
+    Family.CURRENT: "current",
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trial:
+    """An effect as it was fitted: `values` (p,) of its linear parameters, `misfit` (M,) A left with it."""
+
+    term: EffectTerm
+    values: Floats
+    misfit: Floats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Axis:
+    """What a picture is drawn against: a word or two, the unit, (M,) values at the bins of the runs, the number of
+    bins of the picture (None where equal values stand together), the period of a folded variable."""
+
+    variable: str
+    unit: str
+    values: Floats
+    bins: int | None = COARSE
+    period: float | None = None
+
+    def labels(self) -> Floats:
+        """(M,) number of the picture's bin of each value; bins of travel are narrow where the motion begins."""
+        if self.bins is None:
+            return np.searchsorted(distinct(self.values.tolist()), self.values, side="right").astype(float)
+        low, high = (0.0, self.period) if self.period else (np.nanmin(self.values), np.nanmax(self.values))
+        share = (self.values - low) / (high - low if high > low else 1.0)
+        if self.variable.startswith("travel"):
+            share = np.sqrt(share)
+        return np.minimum(np.floor(share * self.bins), self.bins - 1)
+
+
+def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Trial]) -> Curve:
+    """Bin what is left before and after an effect is added, with the effect's own line and its rivals'.
+
+    A line is what adding the effect changes in the model, so that it runs through what is left before. Over speed it is
+    drawn between the speeds that were run, where rivals part; elsewhere at the bins.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    samples
+        M bins of all runs of one joint; `Samples.run` tells them apart.
+    before
+        (M,) A left without the effect.
+    trials
+        The effect found, then its rivals.
+
+    Returns
+    -------
+    curve
+        A side for each direction of motion that was run.
+    """
+    main, sides, lines = trials[0], [], []
+    axis = _axis(robot, samples, main, change=before - main.misfit)
+    for way in (1, -1):
+        label = np.where((samples.direction == way) & np.isfinite(axis.values), axis.labels(), np.nan)
+        if np.isnan(label).all():
+            continue
+        places, mean = (_means(values, label, samples.run)[0] for values in (axis.values, before))
+        sides.append(Binned(way, places, mean, *_means(main.misfit, label, samples.run)))
+        for trial in trials:
+            change = _means(before - trial.misfit, label, samples.run)[0]
+            lines.append(_line(robot, samples, axis, trial, way=way, places=places, change=change))
+    names = [trial.term.effect.name for trial in trials]
+    lines.sort(key=lambda line: names.index(line.effect))
+    return Curve(samples.joint, axis.variable, axis.unit, tuple(sides), tuple(lines), axis.period)
+
+
+def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Axis:
+    """The variable in which an effect lives."""
+    column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, trial.term.effect
+    position = samples.position[:, column]
+    if isinstance(effect, Suspect) and samples.extra is not None:
+        return Axis(effect.column, "", samples.extra[:, effect.place])
+    frequency = trial.term.shape.get(effect.periodic or "", 0.0)
+    if frequency > 0.0:
+        period = 2.0 * math.pi / frequency
+        return Axis("position within one period", unit, np.mod(position, period), FINE, period)
+    run = np.unique(samples.run, return_inverse=True)[1]
+    speed = np.bincount(run, np.abs(samples.velocity[:, column])) / np.bincount(run)
+    axes = {
+        "speed": Axis("speed", f"{unit}/s", speed[run], None),
+        "position": Axis("position", unit, position, FINE),
+        "travel": Axis("travel since the motion began", unit, samples.travel, FINE),
+        "time": Axis("time since the first motion", "s", samples.time),
+    }
+    if np.isfinite(samples.temperature).any():
+        axes["temperature"] = Axis("temperature", "degC", samples.temperature)
+    if samples.loads is not None:
+        axes["current"] = Axis("predicted current", "A", samples.loads.drawn)
+        axes["load"] = Axis("gravity load", "A", samples.loads.moving)
+        if "side" in effect.name:
+            axes["load"] = Axis("moment across the axis", "A", samples.loads.across)
+    return axes.get(VARIABLES.get(effect.family, ""), Axis("what it adds", "A", change))
+
+
+def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, Floats]:
+    """Means over runs in each bin, their standard errors (NaN of one run), and how many runs there are."""
+    is_valid = np.isfinite(label)
+    both, where = np.unique(np.column_stack([label[is_valid], run[is_valid]]), axis=0, return_inverse=True)
+    where = np.ravel(where)
+    by_run = np.bincount(where, values[is_valid]) / np.bincount(where)
+    _, at = np.unique(both[:, 0], return_inverse=True)
+    runs = np.bincount(at)
+    mean = np.bincount(at, by_run) / runs
+    spread = np.bincount(at, (by_run - mean[at]) ** 2)
+    error = np.sqrt(spread / np.where(runs > 1, runs * (runs - 1.0), np.nan))
+    return mean, error, runs.astype(float)
+
+
+def _line(
+    robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
+) -> Line:
+    """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
+    is_local = trial.term.joint in (None, samples.joint) and trial.term.effect.family is Family.SPEED
+    if axis.variable != "speed" or not is_local:
+        return Line(trial.term.effect.name, way, places, change)
+    grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)
+    rest = change - _law(robot, samples, trial, way=way, speeds=places)
+    # Coulomb and viscous friction give way when the effect comes in: by a straight line of speed, which the bins tell.
+    powers = np.arange(min(2, len(places)))
+    straight = np.linalg.lstsq(places[:, None] ** powers, rest, rcond=None)[0]
+    smooth = _law(robot, samples, trial, way=way, speeds=grid) + grid[:, None] ** powers @ straight
+    return Line(trial.term.effect.name, way, grid, smooth)
+
+
+def _law(robot: Robot, samples: Samples, trial: Trial, *, way: int, speeds: Floats) -> Floats:
+    """(G,) A that the effect alone adds at these speeds, everything else as in the cell of middle speed."""
+    ways = np.flatnonzero(samples.direction == way)
+    middle = int(ways[np.argsort(np.abs(samples.velocity[ways, samples.joint - 1]))[len(ways) // 2]])
+    still = at(samples, np.full(len(speeds), middle))
+    velocity = np.zeros_like(still.velocity)
+    velocity[:, samples.joint - 1] = way * speeds
+    return np.asarray(trial.term.linear(robot, replace(still, velocity=velocity)) @ trial.values)
+
+
 class DiagnosisBuilder:
     """Everything that a finished search (after `Stepwise.run`) has to say."""
 
@@ -145,11 +295,8 @@ class DiagnosisBuilder:
             if item.transfer and item.transfer.is_partial:
                 self.refuted |= set(item.after)
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What to add, in the order in which it was found."""
-        return tuple(self._finding(place, item) for place, item in enumerate(self.search.accepted))
-
-    def _finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
+    def finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
+        """What to add, the `place`-th (from 0) that was found."""
         term, transfer = candidate.trial.added, candidate.transfer
         facts = self._facts(candidate, candidate.rivals)
         facts["rmse_heldout_before"], facts["rmse_heldout_after"] = self._errors(place, candidate)
@@ -191,7 +338,7 @@ class DiagnosisBuilder:
         for item in (candidate, *candidate.rivals):
             residual = misfit_with(item.on, item.trial).get(joint)
             if residual is not None and len(residual) == len(row.misfit):
-                drawn.append(Drawn(item.trial.added, item.trial.sizes, residual))
+                drawn.append(Trial(item.trial.added, item.trial.sizes, residual))
         return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
     def joint(self, joint: int, floor: float | None) -> JointDiagnosis:
@@ -265,7 +412,8 @@ class DiagnosisBuilder:
         """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
         term, falls = candidate.trial.added, candidate.falls
         option = option_text(term.effect.name, term.joint, term.shape)
-        names = dict.fromkeys(rival_name(rival.key, term.joint) for rival in rivals if rival.key != term.key)
+        keys = [rival.key for rival in rivals if rival.key != term.key]
+        names = [name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys]
         return {
             "effect": term.effect.name,
             "joint": term.joint,
@@ -276,7 +424,7 @@ class DiagnosisBuilder:
             "rmse_heldout_before": falls.before if falls else None,
             "rmse_heldout_after": falls.after if falls else None,
             "sizes": sizes(candidate),
-            "rivals": tuple(names),
+            "rivals": tuple(dict.fromkeys(names)),
             "command": option and f"{IDENTIFY} --add {option}",
         }
 
@@ -306,7 +454,10 @@ def diagnose(
     check_same_recipe(estimate, robot)
     check_known(estimate.effects)
     fitted = [run for run in dataset.runs if not run.heldout]
-    runs = _without_odd_strokes(fitted)
+    # In a stroke the model misses more, by all that a change of speed does; a few strokes, left by moves between
+    # postures, would pass for missing physics of a joint that has runs at constant speed enough.
+    steady = Counter(run.joint for run in fitted if run.kind == CONSTANT)
+    runs = [run for run in fitted if run.kind == CONSTANT or steady[run.joint] < STEADY]
     if not runs:
         where = Where(file=dataset.files[0].name if dataset.files else None)
         raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
@@ -321,29 +472,15 @@ def diagnose(
     )
     search.run()
     builder = DiagnosisBuilder(search)
+    clocks = len({run.clock for run in runs})
+    text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
     floors = {fit.joint: fit.noise_floor for fit in estimate.joints}
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, floors.get(joint.number)) for joint in robot.joints),
-        findings=builder.findings(),
+        findings=tuple(builder.finding(place, item) for place, item in enumerate(search.accepted)),
         model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*held_out_otherwise(estimate, dataset), *_notes_on_clocks(runs)),
+        notes=(*held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),
         recipe=Digest(robot.digest),
     )
-
-
-def _notes_on_clocks(runs: Sequence[Run]) -> tuple[Note, ...]:
-    clocks = len({run.clock for run in runs})
-    text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
-    return (Note("several-clocks", text),) if clocks > 1 else ()
-
-
-def _without_odd_strokes(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """Runs without the strokes of joints that have runs at constant speed enough.
-
-    In a stroke the model misses more, by all that a change of speed does; a few of them, left by moves between
-    postures, would pass for missing physics.
-    """
-    steady = Counter(run.joint for run in runs if run.kind == CONSTANT)
-    return tuple(run for run in runs if run.kind == CONSTANT or steady[run.joint] < STEADY)

@@ -39,17 +39,13 @@ REPLICATES = 2
 #: Chance of a decision that is promised, and sets of runs beyond which none is.
 PROMISED, MOST_REPEATS = 0.9, 20
 #: Standard deviations below which a set is not worth making, and with which an effect shows among a whole catalogue.
-LEAST, FOUND = 0.5, 5.0
 #: Lead of evidence that is believed at most: what are rivals still is not told apart by evidence alone.
-BELIEVED = 2.0
+LEAST, FOUND, BELIEVED = 0.5, 5.0, 2.0
 #: Speeds tried, slowest as a share of the top speed and of the slowest run so far.
 SPEEDS, SLOW, SLOWER = 9, 0.02, 0.5
-#: Postures from the data and random ones, and candidates from which a set is chosen.
-MEASURED, DRAWN, TRIED = 5, 9, 160
-#: What a new posture must tell more: nobody has checked that its way is free.
-CAUTION = 1.15
-#: Shapes of an effect's grid that are tried at most.
-SHAPES = 40
+#: Postures from the data and random ones, and candidates from which a set is chosen. What a new posture must tell
+#: more: nobody has checked that its way is free. Shapes of an effect's grid that are tried at most.
+MEASURED, DRAWN, TRIED, CAUTION, SHAPES = 5, 9, 160, 1.15, 40
 #: Bins of a run; of a wave of a periodic effect, and at most.
 BINS, A_WAVE, MOST_BINS = 40, 4, 512
 #: Sets of runs that a plan holds at most, and sizes of an effect (SI) that it is made for.

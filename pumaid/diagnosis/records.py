@@ -24,10 +24,9 @@ ADEQUATE, MISSING, UNEXPLAINED_JOINT = "adequate", "missing", "unexplained"
 #: Verdicts of a candidate.
 ADD, DOUBTFUL, ABSENT, UNSEEN = "add", "doubtful", "absent", "unseen"
 #: Share of an effect below which adding it does runs that were held out more harm than good, standard errors below it
-#: at which these deny the effect, and the standard error beyond which they say nothing of it.
-HALF, DENIED, BLIND = 0.5, 3.0, 0.5
-#: Twice the log likelihood of runs held out that an effect may lose them.
-MOST_LOST = 20.0
+#: at which these deny the effect, and the standard error beyond which they say nothing of it. Twice the log likelihood
+#: of runs held out that an effect may lose them.
+HALF, DENIED, BLIND, MOST_LOST = 0.5, 3.0, 0.5, 20.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The score test: how much better a fit would be with a candidate in it, and how much the best one seems by chance."""
+"""Tests of a candidate: its score beside a fit, how good the best seems by chance, and what runs left out say of it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from itertools import groupby
 import numpy as np
 
 from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
+from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
-from pumaid.estimation.fit import ABSORBED, Fit, Projector
+from pumaid.estimation.fit import ABSORBED, Fit, Projector, elsewhere
 from pumaid.joint_bins import Floats, JointBins
-from pumaid.maths.rank import pseudo_inverse
+from pumaid.maths.rank import FLAT, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
-#: those of their sum.
-SINGULAR = 1e4
-#: Least share of an information that is left for a residual where few runs feed many parameters.
-LEAST_FREEDOM = 0.25
+#: those of their sum. Least share of an information that is left for a residual where few runs feed many parameters.
+SINGULAR, LEAST_FREEDOM = 1e4, 0.25
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -120,16 +119,13 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50-57, the score test; whitened, so of generalised least squares.
     """
     projector = Projector(solved)
-    tests = [test for group in tried.groups for test in scores_at(projector, group)]
+    tests = [test for group in tried.groups.values() for test in scores_at(projector, group)]
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
-#: Evaluations of one search.
-MOST_STEPS = 60
-#: Relative tolerance of a shape; its own error is a per cent at best.
-TOLERANCE = 2e-3
-#: First step of a search, as a share of the value (grids step by a factor of about 1.6).
-FIRST_STEP = 0.25
+#: Evaluations of one search. Relative tolerance of a shape; its own error is a per cent at best. First step of a
+#: search, as a share of the value (grids step by a factor of about 1.6).
+MOST_STEPS, TOLERANCE, FIRST_STEP = 60, 2e-3, 0.25
 
 
 def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
@@ -195,12 +191,10 @@ def scores_at(projector: Projector, terms: Sequence[EffectTerm]) -> list[ScoreTe
     return out
 
 
-#: Flips of the signs of whole runs; the smallest p-value is one in a thousand.
-FLIPS = 999
-#: Of the flips; a diagnosis is the same each time.
-SEED = 20_261
-#: Quantile of each candidate's own flips that all are brought to, so that each has the same chance of a false alarm.
-BALANCED = 0.98
+#: Flips of the signs of whole runs (the smallest p-value is one in a thousand), and their seed: a diagnosis is the same
+#: each time. Quantile of each candidate's own flips that all are brought to, so that each has the same chance of a
+#: false alarm.
+FLIPS, SEED, BALANCED = 999, 20_261, 0.98
 #: Surprise beyond which no flip is asked. Of what shows in a few runs flips can say nothing (of three runs one flip in
 #: four changes nothing but the sign), whatever its size; and no misjudgement of the noise makes eleven deviations.
 GROSS = 30.0
@@ -289,11 +283,8 @@ def _best(trials: Sequence[ScoreTest], signs: Floats, *, scale: float) -> tuple[
     return statistics.max(axis=1) / scale, width
 
 
-#: Sign flips of pairs.
-PAIR_FLIPS = 4999
-PAIR_SEED = 11
-#: Pairs below which nothing can be said.
-FEWEST_PAIRS = 4
+#: Sign flips of pairs. Pairs below which nothing can be said.
+PAIR_FLIPS, PAIR_SEED, FEWEST_PAIRS = 4999, 11, 4
 #: Bins of the stretches over which repeated runs are compared.
 LENGTHS = (1, 2, 4, 8, 16)
 
@@ -342,3 +333,161 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Replicate
     chance = float(1 + np.count_nonzero(flipped >= observed * (1.0 - 1e-12))) / (1 + PAIR_FLIPS)
     share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
     return ReplicateTest(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))
+
+
+#: A joint (from 1), and runs of it (from 0) that leave together.
+Fold = tuple[int, tuple[int, ...]]
+
+#: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
+#: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
+KEPT, MOST_LEAVING = 0.01, 1.0 / 3.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FoldLosses:
+    """What leaving runs out says of one effect: (F,) `falls` of the held-out whitened square, one a fold.
+
+    `before` and `after` are the RMSE (A) of the runs left out, without and with the effect.
+    """
+
+    falls: Floats
+    before: float
+    after: float
+
+    @property
+    def total(self) -> float:
+        """Of all folds."""
+        return float(self.falls.sum())
+
+    @property
+    def steadiness(self) -> float:
+        """Mean fall in its own standard errors."""
+        if len(self.falls) < 2:
+            return 0.0
+        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls))
+        return float(self.falls.mean()) / error if error > 0 else 0.0
+
+
+def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
+    """Repeated runs of each joint leave together; runs one by one where that would be too many."""
+    folds: list[Fold] = []
+    for bins in (solved.row(joint).bins for joint in joints):
+        alone = tuple((number,) for number in range(len(bins.runs)))
+        is_too_many = max(len(group) for group in bins.groups) > MOST_LEAVING * len(bins.runs)
+        folds += [(bins.joint, group) for group in (alone if is_too_many else bins.groups)]
+    return folds
+
+
+def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) -> FoldLosses:
+    """Leave each fold out, choose one of the effect's shapes and fit without it, and see what it then predicts.
+
+    Everything is done on Gram matrices of the whole less those of the fold.
+
+    Source
+    ------
+    M. Stone, J. R. Stat. Soc. B 36 (1974) 111-147, with clusters left out whole.
+    """
+    test = _Folds(solved, shapes)
+    results = np.array([test.losses(joint, runs) for joint, runs in folds])
+    mean = np.sqrt(results[:, 1:3].sum(axis=0) / results[:, 3].sum())
+    return FoldLosses(results[:, 0], float(mean[0]), float(mean[1]))
+
+
+class _Folds:
+    """Products of a fit's derivatives, a candidate's columns with each shape, and the residual, over all runs."""
+
+    def __init__(self, solved: Fit, shapes: Sequence[EffectTerm]) -> None:
+        projector = Projector(solved)
+        self.solved, self.count, self.plain = solved, len(shapes), projector.columns(shapes)
+        self.white = projector.whitened(self.plain)
+        self.cross = projector.crossed(self.white)
+        self.gram = np.sum([columns.T @ columns for columns in self.white.values()], axis=0)
+        slopes = [columns.T @ solved.row(joint).residual for joint, columns in self.white.items()]
+        self.slope = np.sum(slopes, axis=0)
+        whole = np.diagonal(self.gram) - np.sum(self.cross * (solved.inverse @ self.cross), axis=0)
+        self.unit = np.divide(1.0, np.sqrt(np.maximum(whole, 0.0)), out=np.zeros_like(whole), where=whole > 0.0)
+        self.information = solved.information()
+        size = np.sqrt(np.maximum(np.diagonal(self.information), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(self.information / np.outer(size, size))
+        is_determined = values > FLAT * values[-1]
+        self.half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
+
+    def losses(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
+        """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
+        row = self.solved.row(joint)
+        bins = np.isin(row.bins.run, runs)
+        J, r, acting = row.slim[bins], row.residual[bins], row.acting
+        C = self.white[joint][bins] if joint in self.white else np.zeros((len(r), self.cross.shape[1]))
+        training, cross = self.information.copy(), self.cross.copy()
+        training[np.ix_(acting, acting)] -= J.T @ J
+        cross[acting] -= J.T @ C
+        inverse = _inverse(training, self.half)
+        move = -inverse[:, acting] @ (J.T @ r)
+        turned = inverse @ cross
+        score = self.slope - C.T @ r - cross.T @ move
+        remaining = self.gram - C.T @ C - cross.T @ turned
+        best, place, sizes, width = -np.inf, slice(0), np.zeros(0), len(self.slope) // self.count
+        for part in (slice(start, start + width) for start in range(0, len(self.slope), width)):
+            fitted = _inverse(remaining[part, part], np.diag(self.unit[part])) @ score[part]
+            gain = float(score[part] @ fitted)
+            if gain > best:
+                best, place, sizes = gain, part, fitted
+        error, bare, weight = r - J @ move[acting], row.bare[bins], row.bins.count[bins]
+        after = error - (C - J @ turned[acting])[:, place] @ sizes
+        raw = row.misfit[bins] - bare @ move[acting]
+        drawn = self.plain[joint][bins, place] if joint in self.plain else 0.0
+        raw_after = raw - (drawn - bare @ turned[acting, place]) @ sizes
+        inside = float(weight @ row.bins.inside[bins])
+        squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
+        return float(error @ error - after @ after), *squares, float(weight.sum())
+
+
+def _inverse(information: Floats, half: Floats) -> Floats:
+    """Inverse of what training runs tell, in directions of which they keep at least `KEPT` of the whole information.
+
+    What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more than
+    any effect. `half` is a root of the inverse of the whole.
+    """
+    values, vectors = np.linalg.eigh(half.T @ information @ half)
+    is_kept = values > KEPT
+    turned = half @ vectors[:, is_kept] / np.sqrt(values[is_kept])
+    return np.asarray(turned @ turned.T)
+
+
+#: Standard deviations of what the effect adds to runs held out below which these say nothing of it.
+LEAST = 2.0
+
+
+def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) -> Transfer | None:
+    """The share of an effect's current that runs held out show; None where they could not show it.
+
+    What the whole model leaves of these runs is projected on what the effect adds there, by generalised least squares
+    with the covariance of their noise and of all fitted parameters but the effect's own; the error of these is told as
+    an error of the share. `added` is one of the effects of `last`, `heldout` are runs that were not fitted.
+
+    Source
+    ------
+    A. C. Atkinson, Biometrika 56 (1969) 33-41: a variable of the model's own prediction as a test of it.
+    """
+    place = last.place_of(added)
+    is_effect = np.isin(np.arange(len(last.inverse)), last.columns_of(place))
+    held, sums = np.zeros_like(last.inverse), np.zeros((2, len(is_effect)))
+    drawn2, shared = 0.0, 0.0
+    for bins in heldout:
+        if bins.joint not in last.noises:
+            continue
+        row = elsewhere(last, bins)
+        drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))
+        held[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
+        sums[:, row.acting] += np.vstack([drawn, row.residual]) @ row.slim
+        drawn2, shared = drawn2 + float(drawn @ drawn), shared + float(drawn @ row.residual)
+    training = (last.information() + held)[np.ix_(~is_effect, ~is_effect)]
+    turned = np.zeros_like(sums)
+    turned[:, ~is_effect] = sums[:, ~is_effect] @ pseudo_inverse(training)[0]
+    square = drawn2 - float(sums[0] @ turned[0])
+    if square <= LEAST**2 * last.scale:
+        return None
+    weighed = (drawn2 - 2.0 * float(turned[0] @ sums[0]) + float(turned[0] @ held @ turned[0])) / square**2
+    along = (sums[0] - held @ turned[0]) / square
+    error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
+    return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)

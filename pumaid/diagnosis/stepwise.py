@@ -9,13 +9,16 @@ import numpy as np
 
 from pumaid.dataset import Campaign, Run
 from pumaid.diagnosis.candidates import Key, Spectrum, candidates, settling, spectrum
-from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
+    FoldLosses,
     ScoreTable,
     ScoreTest,
     SignFlips,
+    confirmed_share,
+    leave_out,
     refine_shape,
+    replicate_folds,
     score_at,
     score_candidates,
     sign_flips,
@@ -27,9 +30,6 @@ from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, Floats, JointBins, joint_bins
 from pumaid.model import Model
-
-#: A candidate at its best on the grid, with its shape refined, and the fit that shows it.
-Leader = tuple[ScoreTest, ScoreTest, Fit]
 
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
 #: experiment in twenty is told that something is missing when nothing is.
@@ -46,14 +46,12 @@ DECISIVE = 10.0
 #: Share of the whitened square that no effect takes away but by rounding.
 EXACT = 1e-9
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
-SAME = 0.5
 #: Shapes within this share are one where a joint may have an effect several times.
-ALIKE = 0.01
+SAME, ALIKE = 0.5, 0.01
 #: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
-#: adds the next may drop, and so on without end.
-MOST_ADDED, LEADERS, LOOKS = 4, 10, 2
-#: Effects that runs held out may deny before what is left is called unexplained.
-MOST_DENIED = 4
+#: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called
+#: unexplained.
+MOST_ADDED, LEADERS, LOOKS, MOST_DENIED = 4, 10, 2, 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,28 +127,6 @@ def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
 def rmse(bins: JointBins, misfit: Floats) -> float:
     """RMSE (A) of the samples in some bins."""
     return float(np.sqrt(bins.count @ (misfit**2 + bins.inside) / bins.count.sum()))
-
-
-def rivals(
-    chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], after: Fit
-) -> tuple[EvaluatedCandidate, ...]:
-    """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
-
-    A rival passes the family-wise test itself, has nothing left to explain once `chosen` is in, and is not decisively
-    less likely.
-    """
-    out = []
-    for other in evaluated:
-        if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
-            continue
-        term, on = other.trial.added, after
-        if term.effect.periodic is not None and term.joint is not None:  # coarse bins do not show it
-            on = at_bins(after, other.on.row(term.joint).bins)
-        remaining = score_at(Projector(on), term)
-        is_explained = remaining is None or remaining.statistic <= SAME * other.trial.statistic
-        if is_explained and chosen.evidence - other.evidence <= DECISIVE:
-            out.append(other)
-    return tuple(out)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -258,11 +234,11 @@ class Stepwise:
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)
-        evaluated = [self._judged(table, leader, chances) for leader in self._leaders(table, chances)]
+        evaluated = [self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances)]
         evaluated.sort(key=lambda item: -item.evidence)
         chosen = next((item for item in evaluated if item.fault is None), None)
         if chosen is not None:
-            like = rivals(chosen, evaluated, self.solved([*added, chosen.trial.added]))
+            like = self._rivals(chosen, evaluated, self.solved([*added, chosen.trial.added]))
             chosen = replace(chosen, rivals=like)
         return Step(table, chances, chosen, tuple(evaluated))
 
@@ -282,8 +258,8 @@ class Stepwise:
             out.append(spectrum(key, bins, noise, white=white, scale=scale, without=waves))
         return tuple(item for item in out if item is not None)
 
-    def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[Leader]:
-        """Candidates worth a close look, on the grid and with refined shapes, and the fit that shows them.
+    def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, Fit]]:
+        """Candidates worth a close look, at their best on the grid, and the fit that shows them.
 
         Periodic ones are at their peaks.
         """
@@ -300,8 +276,25 @@ class Stepwise:
             trial = score_at(Projector(on), term)
             if trial is not None:
                 leaders.append((trial, on))
-        projectors = {id(on): Projector(on) for _, on in leaders}
-        return [(trial, refine_shape(projectors[id(on)], trial), on) for trial, on in leaders]
+        return leaders
+
+    def _rivals(
+        self, chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], after: Fit
+    ) -> tuple[EvaluatedCandidate, ...]:
+        """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
+
+        A rival passes the family-wise test itself, has nothing left to explain once `chosen` is in, and is not
+        decisively less likely.
+        """
+        out = []
+        for other in evaluated:
+            if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
+                continue
+            remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
+            is_explained = remaining is None or remaining.statistic <= SAME * other.trial.statistic
+            if is_explained and chosen.evidence - other.evidence <= DECISIVE:
+                out.append(other)
+        return tuple(out)
 
     def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
         """A fit with the finest bins of the joint of a periodic effect, else as it is."""
@@ -309,15 +302,15 @@ class Stepwise:
             return solved
         return at_bins(solved, next(bins for bins in self._bins[1] if bins.joint == term.joint))
 
-    def _judged(self, table: ScoreTable, leader: Leader, chances: SignFlips) -> EvaluatedCandidate:
+    def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined."""
-        grid, trial, on = leader
+        trial = refine_shape(Projector(on), grid)
         chance, falls = chances.p_value(grid.added.key, grid.surprise(on.scale)), None
         residuals = misfit_with(on, trial)
         before = {joint: rmse(on.row(joint).bins, on.row(joint).misfit) for joint in residuals}
         after = {joint: rmse(on.row(joint).bins, residual) for joint, residual in residuals.items()}
         if chance <= NEAR:
-            shapes = table.candidates.shapes(trial.added.key) or (grid.added,)
+            shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
             falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
         denial = self._denial(trial.added)
         return EvaluatedCandidate(trial, on, chance, evidence(on, trial), falls, before, after, denial)
@@ -344,7 +337,7 @@ class Stepwise:
             allowed = [trial for trial in table.best().values() if self._denial(trial.added) is None]
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:
-                better = self._judged(table, (top, refine_shape(Projector(solved), top), solved), chances)
+                better = self._judged(table, top, solved, chances=chances)
                 self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
             place += 1
 

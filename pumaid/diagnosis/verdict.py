@@ -17,6 +17,7 @@ from pumaid.diagnosis.score_test import (
     ScoreTable,
     ScoreTest,
     SignFlips,
+    alike,
     replicate_test,
     score_of,
     sign_flips,
@@ -129,14 +130,12 @@ def knot_values(solved: Fit, trial: ScoreTest) -> tuple[Floats, Floats, Floats]:
     return free.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * solved.scale)
 
 
-#: Chance, over all joints together, below which what repeats between replicates is not noise.
-REPEATS = 0.005
-#: Chance, over all joints together, below which a free form is more than noise.
-NAMELESS = 0.01
-#: Share of the excess over the noise floor that what was added must take away.
-ENOUGH = 0.8
-#: Excess of the mean square over the floor below which there is none to speak of.
-EXCESS = 1.02
+#: Chance, over all joints together, below which what repeats between replicates is not noise. Chance, over all joints
+#: together, below which a free form is more than noise.
+REPEATS, NAMELESS = 0.005, 0.01
+#: Share of the excess over the noise floor that what was added must take away. Excess of the mean square over the
+#: floor below which there is none to speak of.
+ENOUGH, EXCESS = 0.8, 1.02
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -223,14 +222,11 @@ def free_shape(
 
 #: Chance with which an effect of the limit's size is found.
 POWER = 0.8
-#: Fourth moment of a normal score over its square's square.
-NORMAL = 3.0
-#: Mean square of a wave of size one.
-WAVE = 0.5
+#: Fourth moment of a normal score over its square's square. Mean square of a wave of size one. Times an effect's usual
+#: size beyond which a limit is that of rounding.
+NORMAL, WAVE, ABSURD = 3.0, 0.5, 1e6
 #: A: errors below this count as it.
 TINY = float(np.finfo(float).tiny) ** 0.5
-#: Times an effect's usual size beyond which a limit is that of rounding.
-ABSURD = 1e6
 #: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
 
@@ -247,13 +243,13 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
     shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in scan.solved.joints}
     errors = {row.bins.joint: max(rmse(row.bins, row.misfit), TINY) for row in scan.solved.joints}
     tests, out = {id(test.added): test for test in scan.trials}, dict[Key, Limit]()
-    for group in scan.candidates.groups:
+    for key, group in scan.candidates.groups.items():
         columns = projector.columns(group)
         falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in columns.items()]
         largest = np.max(falls, axis=0, initial=0.0).reshape(len(group), -1)[:, 0] if falls else np.zeros(len(group))
         chosen = [(tests[id(term)], fall) for term, fall in zip(group, largest, strict=True) if id(term) in tests]
         sizes = [_size(test, family, scan, fall=fall) for test, fall in chosen]
-        out[group[0].key] = _limit(robot, group[0].effect, group[0].key, float(np.median(sizes or [np.inf])))
+        out[key] = _limit(robot, group[0].effect, key, float(np.median(sizes or [np.inf])))
     for waves in scan.spectra:
         shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))
         size = shift * float(np.sqrt(scale / np.median(waves.information)))
@@ -273,7 +269,9 @@ def _size(test: ScoreTest, family: SignFlips, scan: ScoreTable, *, fall: float) 
         return float("inf")
     error = float(np.sqrt(scan.solved.scale / information))
     threshold, gross = family.threshold(key, LEVEL), family.gross(key)
-    shown = needed(threshold, test.width, runs=_runs(test, scan), gross=gross) * error
+    # Runs, each telling as much as any other, that would flip like these.
+    runs = min(NORMAL * alike(test.scores[:, :1]) or 1.0, len(test.scores)) / float(np.mean(scan.leverage**2))
+    shown = needed(threshold, test.width, runs=runs, gross=gross) * error
     return max(shown, float(np.sqrt(2.0 * WORTH / (test.visible * fall)) + special.ndtri(POWER) * error))
 
 
@@ -290,13 +288,6 @@ def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS)
     if rest <= 0.0:
         return upper
     return min((more + float(np.sqrt(more**2 - rest * (more**2 - threshold)))) / rest, upper)
-
-
-def _runs(trial: ScoreTest, scan: ScoreTable) -> float:
-    """Runs, each telling as much as any other, that would flip like these: by their scores' fourth moment."""
-    squares = trial.scores[:, 0] ** 2
-    alike = float(NORMAL * squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 1.0
-    return min(alike, float(len(squares))) / float(np.mean(scan.leverage**2))
 
 
 def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:

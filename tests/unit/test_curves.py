@@ -9,7 +9,7 @@ import pytest
 import worlds
 
 from pumaid.diagnosis.candidates import Suspect
-from pumaid.diagnosis.curves import SLOWEST, Trial, curve
+from pumaid.diagnosis.diagnose import SLOWEST, Trial, curve
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family, Trace
 from pumaid.effects.base import Parameter, Shape

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import block_diag
 from searches import LEVER, Lab, design, lever, pendulum, roots
 
-from pumaid.diagnosis.cross_validation import leave_out, replicate_folds
+from pumaid.diagnosis.score_test import leave_out, replicate_folds
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit

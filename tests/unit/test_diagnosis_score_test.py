@@ -94,10 +94,10 @@ def test_every_effect_is_tried_or_said_not_to_be():
     """Each that is no part of every model is tried, excluded or has a spectrum; one without data gets no test."""
     solved = solved_of(pendulum())
     tried = candidates(solved)
-    keys = {group[0].key for group in tried.groups} | set(tried.excluded)
+    keys = set(tried.groups) | set(tried.excluded)
     for effect in (effect for effect in catalogue().values() if not effect.base and effect.periodic is None):
         assert {(effect.name, owner) for owner in ((None,) if effect.scope is Scope.ARM else (1, 2))} <= keys
-    assert tried.shapes(("thermal_friction", 1))  # of temperatures that no log has
+    assert tried.groups["thermal_friction", 1]  # of temperatures that no log has
     assert "thermal_friction" not in {trial.added.effect.name for trial in score_candidates(solved, tried).trials}
 
 
@@ -106,7 +106,7 @@ def test_what_the_model_has_is_not_tried_again():
     lab = pendulum()
     shapes = {"spring": {}, "position_friction": {"harmonic": 2.0}}
     inside = [EffectTerm(catalogue()[name], 1, shape) for name, shape in shapes.items()]
-    keys = {group[0].key for group in candidates(lab.fitted(lab.noisy(1), inside)).groups}
+    keys = candidates(lab.fitted(lab.noisy(1), inside)).groups.keys()
     assert ("spring", 1) not in keys and ("spring", 2) in keys
     assert (("position_friction", 1) in keys) == catalogue()["position_friction"].is_repeatable
 

@@ -11,9 +11,9 @@ from searches import LEVER, Din, Lab, design, lever
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis import stepwise
-from pumaid.diagnosis.cross_validation import confirmed_share
-from pumaid.diagnosis.diagnose import diagnose, rival_name, sizes
+from pumaid.diagnosis.diagnose import diagnose, sizes
 from pumaid.diagnosis.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
+from pumaid.diagnosis.score_test import confirmed_share
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
@@ -127,9 +127,3 @@ def test_a_ripples_two_sizes_are_told_apart():
     """Cosine and sine."""
     told = sizes(found(Hidden("ripple", 1, {"cos": 0.02, "sin": -0.01, "frequency": 23.0})))
     assert [one.name for one in told] == ["cos", "sin"]
-
-
-def test_a_rival_elsewhere_is_told_with_its_joint():
-    """And without it where it is at the same joint, or the whole arm's."""
-    names = [rival_name(key, 3) for key in (("spring", 3), ("spring", 2), ("tilt", None))]
-    assert names == ["spring", "spring@2", "tilt"]

@@ -14,8 +14,8 @@ from ladders import RIPPLE, STRIBECK
 from test_residual_budget import KINDS
 
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.compare import POINTS_TO
 from pumaid.diagnosis.records import Limit
-from pumaid.diagnosis.residual_budget import POINTS_TO
 from pumaid.effects import catalogue
 from pumaid.errors import Note, Where
 from pumaid.estimate import Combination

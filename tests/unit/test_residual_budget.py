@@ -10,7 +10,7 @@ import pytest
 import worlds
 from budgets import campaign, found, shares, split
 
-from pumaid.diagnosis.residual_budget import budget
+from pumaid.diagnosis.compare import budget
 from pumaid.joint_bins import joint_bins
 
 #: What is left by each kind of physics, A; the part and variable that it must be told as.
