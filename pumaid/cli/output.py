@@ -67,12 +67,21 @@ def tables(*parts: Any) -> None:
             console.print(part)
 
 
-def write_picture(path: Path, drawing: Any) -> None:
-    """Write a drawing in the form of the file's name, and say so."""
+def write_result(path: Path, data: str | bytes, what: str = "") -> None:
+    """Write a file, and say that `what` is there; ``-`` is standard output."""
     from pumaid.io.write import write_file
 
-    write_file(path, drawing.file(path.suffix.lstrip(".").lower()))
-    remark(f"picture written to {path}")
+    if str(path) == "-":
+        content(data)
+        return
+    write_file(path, data)
+    if what:
+        remark(f"{what} written to {path}")
+
+
+def write_picture(path: Path, drawing: Any) -> None:
+    """Write a drawing in the form of the file's name, and say so."""
+    write_result(path, drawing.file(path.suffix.lstrip(".").lower()), "picture")
 
 
 def document(content: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import progress, remark, spare_inputs
+from pumaid.cli.output import progress, spare_inputs, write_result
 from pumaid.cli.planning import (
     ATTENTION,
     PLAN_FORMS,
@@ -76,7 +76,7 @@ def command(
     """
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import PLAN_NAME
-    from pumaid.io.write import refuse_to_replace, write_file
+    from pumaid.io.write import refuse_to_replace
     from pumaid.trajectory import Plan
 
     refuse_contradictions(asked)
@@ -96,8 +96,7 @@ def command(
         plan = make_plan(robot, recipe, options=asked, tell=lambda text: step(0.0, text))
     is_piped = str(path) == "-"
     if path is not None and not is_piped:
-        write_file(path, text_of(plan, robot))
-        remark(f"plan written to {path}")
+        write_result(path, text_of(plan, robot), "plan")
     if picture is not None:
         draw_plan(picture, plan, robot)
     print_plan(plan, robot, form=form, as_json=as_json, is_piped=is_piped)

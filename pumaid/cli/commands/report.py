@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import content, document, notes, progress, remark, spare_inputs
+from pumaid.cli.output import document, notes, progress, remark, spare_inputs, write_result
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
@@ -68,8 +67,8 @@ def command(
     inputs = experiment.files(source, source.parent / "diagnosis.json")
     spare_inputs([output], inputs)
     if form is not None:
-        table = parameters_as(experiment.model(source), experiment.robot, form, units=units)
-        _write([(output or Path("-"), table)], "table")
+        data = parameters_as(experiment.model(source), experiment.robot, form, units=units)
+        write_result(output or Path("-"), data, "table")
         return
     from pumaid.reporting.page import report_files
 
@@ -82,7 +81,9 @@ def command(
             path = figures / path.name if figures and name.startswith("figures/") else path
             files.append((output or path if name == "report.html" else path, data))
     spare_inputs([path for path, _ in files], inputs)
-    _write(files, "report")
+    for path, data in files:
+        write_result(path, data)
+    remark(f"report written to {files[-1][0]}, with {len(files) - 1} tables and figures")
     if as_json:
         head = heading("report", robot=context.robot, logs=context.comparison.logs)
         document(head | {"files": [str(path) for path, _ in files]})
@@ -112,17 +113,3 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
         notes([Note("diagnosis-damaged", f"{error.what}; the page leaves it out", error.where)])
         return context
     return replace(context, diagnosis=diagnosis, stale=stale(diagnosis, estimate, comparison.logs))
-
-
-def _write(files: Sequence[tuple[Path, bytes]], what: str) -> None:
-    """Write the files, or print the one that goes to standard output."""
-    from pumaid.io.write import write_file
-
-    for path, data in files:
-        if str(path) == "-":
-            content(data)
-        else:
-            write_file(path, data)
-    more = f", with {len(files) - 1} tables and figures" if len(files) > 1 else ""
-    if more or str(files[-1][0]) != "-":
-        remark(f"{what} written to {files[-1][0]}{more}")

@@ -199,13 +199,22 @@ class CsvLog(LogSource):
             return LogError("not-a-log", what, Where(file=self.name), mend)
         column, text = self._dialect.header[int(match[1])], match[3].rstrip("'").strip()[:30]
         row = int(match[2]) if match[2] else None
-        mend = "write numbers as 1234.5 or 1.2e-3, without units or separators; leave cells without a number empty"
-        if row == self._dialect.header_line + 1:
-            mend = f"row {row} looks like units: delete it and name the units in the recipe's log block"
-        elif text in self._dialect.header:
-            mend = f"row {row} is a header: another recording begins there; split the file before it"
-        elif re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", text):
-            mend = "write times as seconds, not as dates"
+        cases = (
+            (
+                row == self._dialect.header_line + 1,
+                f"row {row} looks like units: delete it and name the units in the recipe",
+            ),
+            (
+                text in self._dialect.header,
+                f"row {row} is a header: another recording begins there; split the file before it",
+            ),
+            (re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", text), "write times as seconds, not as dates"),
+            (
+                True,
+                "write numbers as 1234.5 or 1.2e-3, without units or separators; leave cells without a number empty",
+            ),
+        )
+        mend = next(mend for is_case, mend in cases if is_case)
         where = Where(file=self.name, row=row, column=column)
         return LogError("not-a-number", f"row {row}, column {column}: {text!r} is no number", where, mend)
 
