@@ -212,17 +212,6 @@ def _centred(columns: Floats, weight: Floats, label: Counts) -> Floats:
     return columns - np.array(means).T[label]
 
 
-def _friction(bins: JointBins) -> Floats:
-    """(N, 5) friction by direction and inertia: the joint's own in every model, so that a fit has taken them away.
-
-    Gravity is not: it is shared with other joints, which may have bent it.
-    """
-    samples = bins.samples
-    sides = samples.direction[:, None] * [1.0, -1.0] > 0
-    speed = np.abs(samples.velocity[:, [bins.joint - 1]])
-    return np.hstack([sides, sides * speed, samples.acceleration[:, None]]).astype(float)
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Portion:
     """What could be taken out of a residual, or was.
@@ -248,7 +237,12 @@ class _Decomposition:
     ) -> None:
         self.bins, self.weight, self.residual, self.inside = bins, bins.count, residual, inside
         self.total = float(self.weight @ residual**2) + inside
-        self.basis = _orthonormal(_friction(bins)[:, : None if is_fitted else 0], self.weight)
+        # A fit has taken away what each joint has for itself in every model: friction by direction, and inertia.
+        # Gravity is shared with other joints, which may have bent it.
+        sides = bins.samples.direction[:, None] * [1.0, -1.0] > 0
+        speed = np.abs(bins.samples.velocity[:, [bins.joint - 1]])
+        friction = np.hstack([sides, sides * speed, bins.samples.acceleration[:, None]]).astype(float)
+        self.basis = _orthonormal(friction if is_fitted else friction[:, :0], self.weight)
         everything = _orthonormal(np.hstack(list(columns.values())), self.weight, self.basis)
         self.noise = noise_of(bins, residual - everything @ (everything.T @ (self.weight * residual)))
         self.columns = columns if len(bins.runs) >= FEWEST_RUNS else {}

@@ -259,9 +259,9 @@ def read_diagnosis(path: Path) -> Diagnosis:
 
 def stale(diagnosis: Diagnosis, estimate: Estimate, logs: Mapping[str, str]) -> tuple[str, ...]:
     """Why a diagnosis may not hold for a model and logs (name -> SHA-256): sentences, none where it does."""
-    out = []
-    if diagnosis.model.sha256 != model_digest(estimate):
-        out.append("The diagnosis is of another model than this page.")
-    if set(diagnosis.logs.values()) != set(logs.values()):
-        out.append("The diagnosis is of other logs than this page.")
+    changed = {
+        "The diagnosis is of another model than this page.": diagnosis.model.sha256 != model_digest(estimate),
+        "The diagnosis is of other logs than this page.": set(diagnosis.logs.values()) != set(logs.values()),
+    }
+    out = [text for text, is_so in changed.items() if is_so]
     return (*out, "Make it again with: pumaid diagnose MODEL LOGS...") if out else ()

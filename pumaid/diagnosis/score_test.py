@@ -138,7 +138,7 @@ def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
 
     from pumaid.estimation.nonlinear import search_bounds
 
-    term, solved, best = trial.added, projector.solved, trial
+    term, solved, tried = trial.added, projector.solved, [trial]
     shapes = [s for s in term.shapes(solved.model.robot).values() if s.is_searched and s.name in term.shape]
     if not shapes:
         return trial
@@ -153,21 +153,17 @@ def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
         ends = np.array([search_bounds(shape, grid) for shape in shapes])
 
     def cost(point: np.ndarray) -> float:
-        nonlocal best
         values = start + point * step
         if np.any((values < ends[:, 0]) | (values > ends[:, 1])):
             return 0.0
-        there = score_at(projector, term.at(dict(zip(names, values.tolist(), strict=True))))
-        if there is None:
-            return 0.0
-        if there.statistic > best.statistic:
-            best = there
-        return -there.statistic
+        there = score_at(projector, term.at(dict(zip(names, values.tolist(), strict=True)))) or trial
+        tried.append(there)
+        return 0.0 if there is trial else -there.statistic
 
     simplex = np.vstack([np.zeros(len(names)), np.eye(len(names))])
     options = {"maxfev": MOST_STEPS, "xatol": TOLERANCE / FIRST_STEP, "fatol": 1e-2, "initial_simplex": simplex}
     optimize.minimize(cost, simplex[0], method="Nelder-Mead", options=options)
-    return best
+    return max(tried, key=lambda test: test.statistic)
 
 
 def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
@@ -353,11 +349,6 @@ class FoldLosses:
     falls: Floats
     before: float
     after: float
-
-    @property
-    def total(self) -> float:
-        """Of all folds."""
-        return float(self.falls.sum())
 
     @property
     def steadiness(self) -> float:

@@ -89,7 +89,7 @@ class EvaluatedCandidate:
         """Which gate it misses; None where it passes all."""
         if self.p_value > LEVEL or self.falls is None:
             return "chance"
-        if self.falls.total <= 0.0 or self.falls.steadiness <= STEADY:
+        if self.falls.falls.sum() <= 0.0 or self.falls.steadiness <= STEADY:
             return "heldout"
         if self.transfer is not None and self.transfer.is_denied:
             return "denied"
