@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -201,13 +202,13 @@ def _tex(text: str) -> str:
 def _tex_cell(cell: Cell) -> str:
     text = cell.latex or _tex(cell.text)
     if cell.error:
-        text = rf"${_tex_number(cell.text)} \pm {_tex_number(cell.error)}$"
+        sizes = [re.sub(r"e([+-]?\d+)$", _tex_power, size) for size in (cell.text, cell.error)]
+        text = rf"${sizes[0]} \pm {sizes[1]}$"
     return text + (rf"$^{{\mathrm{{{_tex(cell.mark)}}}}}$" if cell.mark else "")
 
 
-def _tex_number(text: str) -> str:
-    mantissa, exponent, power = text.partition("e")
-    return rf"{mantissa} \cdot 10^{{{int(power)}}}" if exponent else mantissa
+def _tex_power(exponent: re.Match[str]) -> str:
+    return rf" \cdot 10^{{{int(exponent[1])}}}"
 
 
 @dataclass(frozen=True, slots=True)

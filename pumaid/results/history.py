@@ -283,8 +283,15 @@ def _ladder(group: Sequence[Rung], main: Rung, current: Rung | None) -> Ladder:
         before = () if parent is None else parent.estimate.effects
         links: dict[str, Any] = {"parent": None if parent is None else parent.number, "is_current": entry is current}
         rungs.append(replace(entry, added=_beyond(effects, before), removed=_beyond(before, effects), **links))
-    last = group[-1].estimate
-    return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(rungs), _apart(group[-1], main))
+    last, apart = group[-1].estimate, ""
+    current_logs, logs = set(main.estimate.logs.values()), set(last.logs.values())
+    if group[-1].arm != main.arm:
+        apart = f"of another recipe ({last.origin or 'in memory'}, SHA-256 {last.recipe_digest[:12]})"
+    elif current_logs != logs:
+        apart = f"fitted to other logs ({len(logs)}, of which the current model has {len(current_logs & logs)})"
+    elif group[-1].key != main.key:
+        apart = "fitted to other runs of the same logs (others were held out)"
+    return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(rungs), apart)
 
 
 def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
@@ -294,14 +301,3 @@ def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> 
         lacking[choice.effect, choice.joint] -= 1
         beyond += [choice] if lacking[choice.effect, choice.joint] >= 0 else []
     return tuple(reversed(beyond))
-
-
-def _apart(entry: Rung, main: Rung) -> str:
-    """Why the errors of two models cannot be compared; empty where they can."""
-    if entry.arm != main.arm:
-        origin = entry.estimate.origin or "in memory"
-        return f"of another recipe ({origin}, SHA-256 {entry.estimate.recipe_digest[:12]})"
-    current, logs = set(main.estimate.logs.values()), set(entry.estimate.logs.values())
-    if current != logs:
-        return f"fitted to other logs ({len(logs)}, of which the current model has {len(current & logs)})"
-    return "" if entry.key == main.key else "fitted to other runs of the same logs (others were held out)"
