@@ -29,8 +29,9 @@ def every_form() -> Mapping[str, Form]:
     forms: dict[str, Form] = {}
     for info in pkgutil.iter_modules(folder.__path__):
         module = importlib.import_module(f"{folder.__name__}.{info.name}")
-        kinds = [kind for _, kind in inspect.getmembers(module, inspect.isclass) if kind.__module__ == module.__name__]
-        forms |= {info.name: kind() for kind in kinds if issubclass(kind, Form)}
+        for member in vars(module).values():
+            if inspect.isclass(member) and issubclass(member, Form) and member.__module__ == module.__name__:
+                forms[info.name] = member()
     return MappingProxyType(forms)
 
 

@@ -108,18 +108,13 @@ def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -
         speeds = [[run.speed * scale for run in steady if run.speed * sign > 0] for sign in (1, -1)]
         kinds = [str(count_kinds(runs).get(kind, "-")) for kind in (CONSTANT, STROKE, BLOCK)]
         postures = {tuple(np.round(np.delete(run.posture, joint.number - 1), 1)) for run in steady}
-        head = [f"{joint.number} {joint.name}", *kinds, *map(_range, speeds), unit, str(len(postures) or "-")]
+        sides = [sorted({number(speed, 3) for speed in side}, key=lambda text: abs(float(text))) for side in speeds]
+        ranges = [" to ".join(side[:: max(1, len(side) - 1)]) or "-" for side in sides]
+        head = [f"{joint.number} {joint.name}", *kinds, *ranges, unit, str(len(postures) or "-")]
         rows.append([*head, number(sum(run.duration for run in runs), 4) if runs else "-"])
     counts = ("constant", "strokes", "blocks")
     header = ("joint", *counts, "forward speeds", "backward speeds", "unit", "postures", "time (s)")
     return Table("Runs by joint", header, rows, words=(0, 4, 5, 6))
-
-
-def _range(speeds: Sequence[float]) -> str:
-    if not speeds:
-        return "-"
-    low, high = min(speeds, key=abs), max(speeds, key=abs)
-    return number(low, 3) if len(speeds) == 1 else f"{number(low, 3)} to {number(high, 3)}"
 
 
 def rejection_table(dataset: Dataset) -> Table:

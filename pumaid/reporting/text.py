@@ -392,18 +392,14 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     return [*out, size] if size else out
 
 
-def is_at_floor(joint: JointDiagnosis) -> bool:
-    """Whether a joint's RMSE is no larger than its noise floor."""
-    return joint.rmse is not None and joint.noise_floor is not None and joint.rmse <= AT_FLOOR * joint.noise_floor
-
-
 def floor_sentence(joint: JointDiagnosis) -> str:
     """The RMSE of a joint that has runs against its noise floor."""
     words = f"RMSE of the model: {amperes(joint.rmse)}"
     if joint.rmse is None or joint.noise_floor is None:
         return f"{words}; no run is repeated, so the noise floor is unknown."
     words += f", noise floor: {amperes(joint.noise_floor)}"
-    return words + ("." if is_at_floor(joint) else f" (ratio {number(joint.rmse / joint.noise_floor, 2)}).")
+    is_at_floor = joint.rmse <= AT_FLOOR * joint.noise_floor
+    return words + ("." if is_at_floor else f" (ratio {number(joint.rmse / joint.noise_floor, 2)}).")
 
 
 def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
@@ -532,7 +528,7 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
             text = "never moved alone in these logs, so not diagnosed."
         elif joint.verdict == ADEQUATE:
             text = "nothing is missing that these data can show."
-        elif diagnosis.findings and is_at_floor(joint):
+        elif diagnosis.findings and joint.noise_floor is not None and joint.rmse <= AT_FLOOR * joint.noise_floor:
             text = "RMSE at the noise floor, but the findings above act there too."
         else:
             pointer = " The findings above act there too." if diagnosis.findings else ""
