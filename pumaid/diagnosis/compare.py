@@ -271,7 +271,10 @@ class _Decomposition:
 
     def _passing(self) -> list[Portion]:
         """What is more than noise; chances are noted."""
-        fit, joint, waves, out = self._fit(), self.bins.joint, self._spectrum(), []
+        fit, joint, rough, out = self._fit(), self.bins.joint, self._rough(), []
+        noise = noise_of(self.bins, rough, pairs=())
+        white, key = noise.whiten(self.bins, rough), (RIPPLE_NAME, joint)
+        waves = spectrum(key, self.bins, noise, white=white, without=self.waves, fewest_periods=FEWEST_WAVES)
         bases = {key: _orthonormal(values, self.weight, self.basis) for key, values in self.columns.items()}
         terms = [
             EffectTerm(Expansion("/".join(key), basis.shape[1], partial(lambda values, _: values, basis)), joint)
@@ -286,14 +289,14 @@ class _Decomposition:
         surprises |= {spectrum.key: spectrum.surprise(fit.scale) for spectrum in table.spectra}
         flips, done = sign_flips(table), {portion.key for portion in self.taken}
         for name, surprise in surprises.items():
-            key, beyond = KEYS[name[0]], surprise - flips.handicaps[name]
+            cause, beyond = KEYS[name[0]], surprise - flips.handicaps[name]
             chance = self.tests * float(1 + np.count_nonzero(flips.largest >= beyond)) / (1 + len(flips.largest))
-            if key not in done:
-                self.chance[key] = min(chance, 1.0)
-            if chance <= FALSE_ALARM and key == RIPPLE and waves is not None:
+            if cause not in done:
+                self.chance[cause] = min(chance, 1.0)
+            if chance <= FALSE_ALARM and cause == RIPPLE and waves is not None:
                 out.append(self._ripple(chance, waves))
             elif chance <= FALSE_ALARM:
-                out.append(Portion(key, chance, bases[key], float(np.sum(self._along(bases[key]) ** 2))))
+                out.append(Portion(cause, chance, bases[cause], float(np.sum(self._along(bases[cause]) ** 2))))
         return out
 
     def _fit(self) -> Fit:
@@ -310,13 +313,6 @@ class _Decomposition:
             signs=lambda term: np.zeros(term.effect.width),
         )
         return cast(Fit, fit)
-
-    def _spectrum(self) -> Spectrum | None:
-        """Of what is left beside a polynomial of each run's own."""
-        rough, key = self._rough(), (RIPPLE_NAME, self.bins.joint)
-        noise = noise_of(self.bins, rough, pairs=())
-        white = noise.whiten(self.bins, rough)
-        return spectrum(key, self.bins, noise, white=white, without=self.waves, fewest_periods=FEWEST_WAVES)
 
     def _rough(self) -> Floats:
         """(N,) the residual less a polynomial of each run's own."""

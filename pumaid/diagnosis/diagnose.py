@@ -302,9 +302,13 @@ class DiagnosisBuilder:
         facts["rmse_heldout_before"], facts["rmse_heldout_after"] = self._errors(place, candidate)
         rival = next((rival for rival in candidate.rivals if rival.on is candidate.on), None)
         by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
-        if term.joint is None and term.key in [effect.key for effect in self.fits[-1].model.effects]:
+        fit, keys = self.fits[-1], [effect.key for effect in self.fits[-1].model.effects]
+        if term.joint is None and term.key in keys:
             # An effect of the whole arm moves gain ratios, which a score follows to first order only.
-            facts["sizes"] = self._fitted_sizes(term)
+            index = keys.index(term.key)
+            columns = [n for n in fit.columns_of(index) if fit.model.columns[n].shape is None]
+            covariance = fit.inverse[np.ix_(columns, columns)] * fit.scale
+            facts["sizes"] = _sizes(fit.model.effects[index], self.robot, fit.values[columns], covariance=covariance)
         return Finding(
             **facts,
             verdict=DOUBTFUL if transfer is not None and transfer.is_denied else ADD,
@@ -313,14 +317,6 @@ class DiagnosisBuilder:
             curves=tuple(self._curve(candidate, joint) for joint in by_gain[:PICTURES]),
             transfer=transfer,
         )
-
-    def _fitted_sizes(self, term: EffectTerm) -> tuple[Size, ...]:
-        """Parameters of an effect as the fit with all that was found gives them."""
-        fit = self.fits[-1]
-        place = [effect.key for effect in fit.model.effects].index(term.key)
-        columns = [n for n in fit.columns_of(place) if fit.model.columns[n].shape is None]
-        covariance = fit.inverse[np.ix_(columns, columns)] * fit.scale
-        return _sizes(fit.model.effects[place], self.robot, fit.values[columns], covariance=covariance)
 
     def _errors(self, place: int, candidate: EvaluatedCandidate) -> tuple[float | None, float | None]:
         """RMSE (A) of runs that no fit saw, before and after addition `place`, in the joints where it acts."""
