@@ -16,7 +16,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
-from pumaid.errors import PumaidError, RecipeError, Where, meant, refuse
+from pumaid.errors import Faults, PumaidError, RecipeError, Where, meant
 
 #: Most bytes of a recipe, levels of nesting, and values after aliases are expanded.
 MAX_BYTES, MAX_DEPTH, MAX_VALUES = 200_000, 20, 200_000
@@ -229,8 +229,7 @@ def validated(
     if len(errors) > MOST_FAULTS:
         last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS
         errors[MOST_FAULTS - 1 :] = [kind(last.slug, f"{last.what} (and {more} more faults)", last.where, last.mend)]
-    refuse(errors)
-    raise AssertionError("there are faults")
+    raise errors[0] if len(errors) == 1 else Faults(errors)
 
 
 def dotted(path: Sequence[str | int]) -> str:

@@ -96,10 +96,7 @@ def run(*words: str) -> dict[str, Any]:
     line = shlex.join(["pumaid", *words])
     out, err, start = io.StringIO(), io.StringIO(), time.monotonic()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            code = group.main([*words], prog_name="pumaid", standalone_mode=False)
-        except click.Abort:
-            code = EXIT_INTERRUPTED
+        code = group.main([*words], prog_name="pumaid", standalone_mode=False)
     if code == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
     lines = err.getvalue().strip().splitlines()

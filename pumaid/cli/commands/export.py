@@ -86,10 +86,10 @@ def command(
 
 def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
     """Where each file goes."""
-    folder = home if output is None else output
     if output is None or output.is_dir():
-        return {folder / f"{exported.name}{suffix}": text for suffix, text in exported.files.items()}
-    if len(exported.files) == 1:
+        bare = (output or home) / exported.name
+    elif len(exported.files) == 1:
         return {output: next(iter(exported.files.values()))}
-    bare = output.with_suffix("") if output.suffix in exported.files else output
+    else:
+        bare = output.with_suffix("") if output.suffix in exported.files else output
     return {bare.with_name(bare.name + suffix): text for suffix, text in exported.files.items()}
