@@ -127,6 +127,11 @@ class Run:
     stamp_error: float = 0.0  # RMS by which time stamps are not when samples were taken, s; zero where that is unknown
 
     @property
+    def accelerates(self) -> bool:
+        """Whether it is no run at constant speed."""
+        return self.kind != CONSTANT
+
+    @property
     def direction(self) -> int:
         """+1 or -1."""
         return 1 if self.speed > 0 else -1
@@ -194,8 +199,9 @@ class Dataset:
         return tuple(run for run in self.runs if run.joint == joint)
 
 
-#: Kind of a run in which all joints may move, and what only the bins of such runs have.
-BLOCK, OF_BLOCKS = "block", ("velocities", "rigid_body")
+#: Kinds of runs, and what only the bins of blocks have, in which all joints may move.
+CONSTANT, STROKE, BLOCK = "constant", "stroke", "block"
+OF_BLOCKS = ("velocities", "rigid_body")
 
 #: What a damaged archive makes of zip and numpy.
 _DAMAGES: tuple[type[Exception], ...] = (

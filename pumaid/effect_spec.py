@@ -29,10 +29,10 @@ class Column:
     """One parameter of a model: its name, symbol and unit, the joint or link that owns it (from 1; 0: the arm), its
     effect.
 
-    `group` is the posture group (from 0) of a parameter that each set of held positions has for itself; `place` the
-    number (from 0) of the effect term that it belongs to, None in the paper's model; `shape` the nonlinear parameter of
-    which the column is the derivative, None for linear ones. A link's `scope` acts on inner joints through the ratio of
-    gains, all others as they are; `span` goes from the lowest to the highest value that is physical.
+    `place` is the number (from 0) of the effect term that it belongs to, None in the paper's model; `shape` the
+    nonlinear parameter of which the column is the derivative, None for linear ones. A link's `scope` acts on inner
+    joints through the ratio of gains, all others as they are; `span` goes from the lowest to the highest value that is
+    physical.
     """
 
     name: str
@@ -41,7 +41,6 @@ class Column:
     meaning: str
     owner: int
     effect: str
-    group: int | None = None
     place: int | None = None
     shape: str | None = None
     scope: Scope = Scope.JOINT

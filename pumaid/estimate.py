@@ -81,9 +81,8 @@ class Estimate:
     factor eta_i/eta_j by which link j's parameters act in joint i's current; NaN where it is not determined, 1 on the
     diagonal, 0 where j < i. `blind` (p, b) are directions in which the data do not determine `solution`, as long as
     their parameters are plausibly large (as much as their joint's RMS current): a row of regressors, ratios included,
-    times this is the current (A) by which a prediction may be off, beyond its covariance. `stroke_postures` has the
-    moving joint and the positions (J,) of the others, one a group that has its own inertia, ``J1``, ``J2`` ... in this
-    order. `logs` maps names to SHA-256; `heldout` is the RMSE (A) over all runs that were kept for judging.
+    times this is the current (A) by which a prediction may be off, beyond its covariance. `logs` maps names to SHA-256;
+    `heldout` is the RMSE (A) over all runs that were kept for judging.
     """
 
     robot: str
@@ -96,7 +95,6 @@ class Estimate:
     blind: Floats
     effects: tuple[EffectChoice, ...] = ()
     combinations: tuple[Combination, ...] = ()
-    stroke_postures: tuple[tuple[int, tuple[float, ...]], ...] = ()
     recursive: tuple[Value, ...] = ()
     method: str = "joint"
     recipe_digest: str = ""

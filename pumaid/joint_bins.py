@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pumaid.dataset import BLOCK, Bins, Campaign, Run, coarser
+from pumaid.dataset import BLOCK, CONSTANT, Bins, Campaign, Run, coarser
 from pumaid.kinematics import posture_groups
 from pumaid.preprocessing.differentiate import acceleration
-from pumaid.preprocessing.options import CONSTANT, STROKE
 from pumaid.preprocessing.replicates import replicates
 from pumaid.robot import Robot
 from pumaid.samples import Extent, Loads, Samples
@@ -83,14 +82,9 @@ class JointBins:
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
     @property
-    def is_stroke(self) -> NDArray[np.bool_]:
-        """(R,) runs from rest to rest."""
-        return np.array([run.kind != CONSTANT for run in self.runs], dtype=bool)
-
-    @property
-    def has_strokes(self) -> bool:
-        """Whether a run goes from rest to rest."""
-        return any(run.kind == STROKE for run in self.runs)
+    def accelerates(self) -> NDArray[np.bool_]:
+        """(R,) runs that are not at constant speed: strokes, and blocks."""
+        return np.array([run.accelerates for run in self.runs], dtype=bool)
 
     @property
     def is_block(self) -> NDArray[np.bool_]:
@@ -168,13 +162,13 @@ class JointBins:
         three: dict[str, Any] = {name: np.repeat(values, 3, axis=0) for name, values in self.samples.series().items()}
         rise = self.rises(time)
         jerk = np.divide(self.rises(self.samples.acceleration), rise, out=np.zeros(len(self)), where=rise > 0.0)
-        is_stroke = self.is_stroke[self.run]
+        accelerates = self.accelerates[self.run]
         beside = three["velocity"] * (np.repeat(is_block, 3) * ahead)[:, None]
         beside[:, moving] = 0.0
         three["position"] += beside
         moved = three["velocity"][:, moving] * ahead
-        three["velocity"][:, moving] += np.repeat(is_stroke, 3) * three["acceleration"] * ahead
-        three["acceleration"] += np.repeat(is_stroke * jerk, 3) * ahead
+        three["velocity"][:, moving] += np.repeat(accelerates, 3) * three["acceleration"] * ahead
+        three["acceleration"] += np.repeat(accelerates * jerk, 3) * ahead
         three["position"][:, moving] += moved
         three["time"] += ahead
         three["elapsed"] += ahead

@@ -180,8 +180,13 @@ def _base_columns(joints: tuple[Joint, ...], gravity: tuple[float, float, float]
     states = (rng.uniform(-np.pi, np.pi, shape), rng.normal(0, SPEED, shape), rng.normal(0, ACCELERATION, shape))
     matrix = everything.dense(*states).reshape(-1, everything.width(1))
     size = np.linalg.norm(matrix, axis=0)
-    basis, counted = np.zeros((len(matrix), 0)), []
-    for number in np.flatnonzero(size > RANK * size.max()):
+    # Coulomb friction takes up a load that is the same in any posture; what slides then shows its mass as a rotor's.
+    slides = ~robot.is_revolute
+    constant = np.repeat(np.eye(robot.n_joints)[:, slides], STATES, axis=0) / np.sqrt(STATES)
+    is_late = [0.5 * (part == "rotor" and slides[link - 1]) for link, part in everything.names]
+    order = np.argsort([link for link, _ in everything.names] - np.array(is_late), kind="stable")
+    basis, counted = constant, []
+    for number in order[size[order] > RANK * size.max()]:
         column = matrix[:, number] / size[number]
         for _ in range(2):
             column = column - basis @ (basis.T @ column)
@@ -190,11 +195,14 @@ def _base_columns(joints: tuple[Joint, ...], gravity: tuple[float, float, float]
             basis = np.column_stack([basis, column / size_beside])
             counted.append(everything.names[number])
     return tuple(
-        tuple(PARAMETERS.index(name) for owner, name in counted if owner == link)
+        tuple(k for k, name in enumerate(PARAMETERS) if (link, name) in counted)
         for link in range(1, robot.n_joints + 1)
     )
 
 
 def base_parameters(robot: Robot) -> RigidBody:
-    """The chain with the parameters that some motion shows: of inner links first, the rest regrouped."""
+    """The chain with the parameters that some motion shows beside friction: of inner links first, the rest regrouped.
+
+    Source: M. Gautier, J. Robotic Systems 8 (1991) 485-506: base parameters by the rank of the regressor.
+    """
     return RigidBody(robot, _base_columns(robot.joints, robot.gravity))

@@ -158,7 +158,7 @@ WARNINGS = {
     "beyond-limits", "clock-jitter", "current-dropouts", "current-frozen",
     "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed",
     "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
-    "repeats-differ", "run-stands-out", "sign-odd", "strokes-late", "units-disagree", "velocity-sign",
+    "repeats-differ", "run-stands-out", "sign-odd", "units-disagree", "velocity-sign",
     "velocity-unrelated",
 }  # fmt: skip
 

@@ -93,7 +93,7 @@ class Lab:
         truth = truth.hiding(hidden) if hidden else truth
         runs = Bench(truth, plan, rate=100.0, bins=bins).runs(np.random.default_rng(0))
         estimate = identify(Dataset(runs), robot)
-        return cls(truth, runs, estimate, Model(robot, estimate.stroke_postures))
+        return cls(truth, runs, estimate, Model(robot))
 
     @property
     def robot(self) -> Robot:

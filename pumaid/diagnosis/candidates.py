@@ -149,7 +149,7 @@ def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
 
     Source: S.-K. Lin, eq. (35): acceleration feedback within the load compensator.
     """
-    steady = [item for item in bins if not item.is_stroke.any()]
+    steady = [item for item in bins if not item.accelerates.any()]
     speeds = [np.array(item.speeds) for item in steady]
     widths = [2 if len(part) > MOST_SPEEDS else len(part) for part in speeds]
     effects = [Expansion("settling", width, partial(_fading, part)) for width, part in zip(widths, speeds, strict=True)]

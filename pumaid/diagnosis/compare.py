@@ -122,7 +122,7 @@ def budget(
     search = _Decomposition(bins, residual, columns_of(bins, joint, load), inside=inside, is_fitted=is_fitted)
     if mean_square > ROUNDING**2:
         search.run()
-    strokes, speeds = bins.has_strokes, len(bins.speeds)
+    strokes, speeds = bool(bins.accelerates.any()), len(bins.speeds)
     limits = {
         "few-runs": len(bins.runs) < FEWEST_RUNS,
         "no-replicates": not bins.pairs,

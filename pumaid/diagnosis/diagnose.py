@@ -113,7 +113,7 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
         f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed": speeds < 3,
         "three speeds only: an effect of speed shows its height there, not its course between": speeds == 3,
         direction: len(directions) == 1,
-        "strokes from rest to rest: speed, position and start of a run change together": bins.has_strokes,
+        "strokes from rest to rest: speed, position and start of a run change together": bool(bins.accelerates.any()),
         "one joint only: gravity's loads cannot be checked against other joints": len({r.joint for r in runs}) == 1,
     }
     return tuple(text for text, holds in claims.items() if holds)

@@ -167,8 +167,6 @@ class Effect:
     only_loaded: ClassVar[bool] = False
     #: Whether it belongs to the paper's model, and so is in every model.
     base: ClassVar[bool] = False
-    #: Whether its parameters are separate for each set of positions at which the outer joints are held.
-    per_posture: ClassVar[bool] = False
     #: Whether it is friction, so that `signs` count along the current that overcomes friction (which is against the
     #: direction of motion where the motor counts its current backwards); so it is where the formula has ``s``.
     opposes_motion: ClassVar[bool] = False

@@ -6,18 +6,17 @@ from pumaid.effects.base import Effect, Family, Parameter, Scope
 class Inertia(Effect):
     """J qdd, with J the moment of inertia (or mass) of all that moves with the joint, its motor included, as current.
 
-    J depends on how the outer joints are held, so it is one parameter for each set of held positions.
+    J depends on how the outer joints are held; where joints accelerate, the rigid body takes its place.
     """
 
     title = "Inertia of the moving joint"
     formula = "J * qdd"
-    left_out = "it needs the acceleration, and is known only where the other joints were held"
+    left_out = "it needs the acceleration"
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
     scope = Scope.JOINT
     family = Family.MOTION
     opposes_motion = True
     seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")
-    per_posture = True
     linear = (Parameter("J", "A s2/{unit}", "current per acceleration", "J{n}", 0.02),)
     sign = (1,)  # mass is positive

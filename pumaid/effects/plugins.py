@@ -101,7 +101,7 @@ def _checks(effect: Effect, names: Collection[str]) -> Iterator[dict[str, bool]]
     }
     yield {
         "its trace is not a tuple of Trace": not all(isinstance(trace, Trace) for trace in effect.trace),
-        "base and per_posture are for the paper's own effects": effect.base or effect.per_posture,
+        "base is for the paper's own effects": effect.base,
     }
     yield {f"its look-alike {name} is not in the catalogue": name not in names for name in effect.look_alikes}
     joints = range(1, ARM.n_joints + 1)

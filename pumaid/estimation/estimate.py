@@ -22,7 +22,7 @@ from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import FittedParameters, combinations
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.estimation.reasons import JointCoverage, reason
-from pumaid.model import DELAY, Model
+from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
@@ -56,9 +56,8 @@ def identify(
         mend = "see why with: pumaid segment LOGS --rejects"
         raise LogError("no-runs", f"there is no run to fit ({what})", where, mend)
     model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
-    # Runs from rest to rest have brought their joint's inertia into the model already.
-    moved = {joint for joint, _ in model.stroke_postures}
-    choices = tuple(choice for choice in choices if choice.effect != "inertia" or choice.joint not in moved)
+    # The rigid body has an inertia of each joint already.
+    choices = tuple(choice for choice in choices if not (model.is_dynamic and choice.effect == "inertia"))
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
     coverage = {joint.number: JointCoverage.of(joint.number, runs) for joint in robot.joints}
     estimate = _estimate(result, choices, coverage, recursive=recursive)
@@ -89,20 +88,18 @@ def _estimate(
         parameters = FittedParameters.of(fitted, errors, coverage)
     parameters = replace(parameters, profiles=_profiles(result, parameters))
     values = parameters.values()
-    shown = [n for n, column in enumerate(model.columns) if column.effect != DELAY or column.place is not None]
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     return Estimate(
         robot=model.robot.name,
         joints=(),
         values=(*values, *_shapes(result, choices, values)),
-        names=tuple(model.names[n] for n in shown),
-        solution=np.where(is_shape, 0.0, fitted.values)[shown],
-        covariance=errors.covariance[np.ix_(shown, shown)],
+        names=model.names,
+        solution=np.where(is_shape, 0.0, fitted.values),
+        covariance=errors.covariance[: len(is_shape), : len(is_shape)],
         scales=fitted.scales(),
-        blind=parameters.reach()[shown],
+        blind=parameters.reach()[: len(is_shape)],
         effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
         combinations=combinations(parameters, values),
-        stroke_postures=model.stroke_postures,
         recursive=of_recursion.values(),
         method="recursive" if recursive else "joint",
         recipe_digest=model.robot.digest,

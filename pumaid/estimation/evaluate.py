@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Campaign, Dataset, Run
+from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.gravity_load import along, with_inertia
@@ -307,12 +307,8 @@ class JointPrediction:
     def _undetermined(self, run: Run, rows: Floats) -> str | None:
         """Why the fitted data cannot tell what `run` should draw, or None where they can."""
         estimate, model = self.estimate, self.model
-        if run.kind == BLOCK and not model.is_dynamic:
-            return "several joints move, and the model was fitted to motions of one: inertia is missing"
-        if model.is_foreign(run):
-            stand_in = any(joint == run.joint for joint, _ in estimate.stroke_postures)
-            instead = "that of the nearest posture stands in" if stand_in else "none is counted"
-            return f"the inertia of joint {run.joint} in this posture was not identified; {instead}"
+        if run.accelerates and not model.is_dynamic:
+            return "joints accelerate, and the model was fitted to constant speed: inertia is missing"
         is_open = np.isnan(model.factors(estimate.scales, run.joint))
         unknown = is_open & (np.abs(rows * estimate.solution).max(axis=0, initial=0.0) > NOTHING)
         if unknown.any():

@@ -18,7 +18,7 @@ from pumaid.gravity_load import along, with_inertia
 from pumaid.joint_bins import JointBins
 from pumaid.maths import rank
 from pumaid.maths.bilinear import Bilinear, Gains, JointSolution
-from pumaid.model import DELAY, Model
+from pumaid.model import Model
 from pumaid.samples import Samples
 
 Floats = NDArray[np.float64]
@@ -86,17 +86,9 @@ class Row:
         )
         return replace(self, design=design, regressors=regressors, moved=None)
 
-    def quiet_ones(self, levels: Levels) -> Floats:
-        """(R, k) constants of runs divided by how loud they are."""
-        return self._quiet(levels, self.ones[:, :, None])[:, :, 0]
-
     def whitened(self, levels: Levels, values: Floats) -> Floats:
         """(R k, q) of (R, k, q) by what a whole fit leaves."""
-        white = noises.whiten(levels, self.quiet_ones(levels), self._quiet(levels, values))
-        return white.reshape(self.target.size, -1)
-
-    def _quiet(self, levels: Levels, values: Floats) -> Floats:
-        return values / np.sqrt(np.where(self.bins.is_stroke, levels.loud, 1.0))[:, None, None]
+        return noises.whiten(levels, self.ones, values).reshape(self.target.size, -1)
 
     @property
     def stacked(self) -> Floats:
@@ -285,7 +277,7 @@ class Fit:
     def noise(self, joint: int) -> NoiseModel:
         """Of the bins of `joint` (from 1)."""
         row = next(row for row in self.rows if row.joint == joint)
-        noise = row.inner.scaled(self.levels[joint], row.bins.is_stroke)
+        noise = row.inner.scaled(self.levels[joint])
         return replace(noise, from_replicates=joint in self.from_replicates)
 
     def at(self, bins: JointBins, design: Floats, noise: NoiseModel) -> FitRow:
@@ -365,19 +357,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
         if before is None:
             raise ValueError("effects of the load wait for a fit")
         loads = with_loads(before, bins, at_nodes=True).loads
-    design = model.design(bins, loads)
-    for n, column in enumerate(model.columns):
-        if column.effect == DELAY and column.place is None and column.owner == bins.joint:
-            design[:, n] = _late(bins, design)
-    return design
-
-
-def _late(bins: JointBins, design: Floats) -> Floats:
-    """(N,) A a second of delay in strokes: minus the slope by time of what each stroke's own fit predicts."""
-    drawn, _ = noises.fit_each_run(bins, design)
-    is_slope = (bins.is_stroke & (bins.lengths > 2))[bins.run]
-    step = np.where(is_slope, bins.rises(bins.samples.time), 1.0)
-    return np.where(is_slope, -bins.rises(drawn) / step, 0.0)
+    return model.design(bins, loads)
 
 
 def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:

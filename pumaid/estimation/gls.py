@@ -26,8 +26,7 @@ from pumaid.maths.bilinear import (
     ratio_spread,
     restarted,
 )
-from pumaid.model import DELAY, INERTIA, Model
-from pumaid.preprocessing.options import STROKE
+from pumaid.model import INERTIA, Model
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -39,8 +38,6 @@ ROUNDS = 2
 STEP = 1e-4
 #: How much firmer than its prior a shape is held at a bound.
 TIGHT = 1e6
-#: s, beside half a step of the log: what filters of drives and a fieldbus put between a current and its position.
-LAG = 0.001
 #: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray.
 ASTRAY = 10.0
 
@@ -112,7 +109,7 @@ def _recursions(
 ) -> tuple[Recursion, Recursion, dict[int, Levels], list[int]]:
     """The paper's recursion, one whose weakly shown ratios cannot run off, the noise by joint, and weak joints."""
     columns = model.columns
-    solved = np.where([column.shape is not None or column.effect == DELAY for column in columns], -1, owners)
+    solved = np.where([column.shape is not None for column in columns], -1, owners)
     paper, start = (Recursion(solved, model.robot.n_joints) for _ in range(2))
     is_load = np.array([column.effect == "gravity" for column in columns])
     levels, weak = dict[int, Levels](), []
@@ -120,7 +117,7 @@ def _recursions(
         tell(row.joint, "solving")
         number = row.joint - 1
         design = start.design(number, row.stacked)[0].reshape(*row.target.shape, -1)
-        estimated = noises.estimate(row.ones, design, row.target, counts=row.counts, is_loud=row.bins.is_stroke)
+        estimated = noises.estimate(row.ones, design, row.target, counts=row.counts)
         if estimated is None:
             weak.append(row.joint)
             estimated = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
@@ -279,12 +276,8 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
     """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
     drawn = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in rows}
     speed = {row.joint: max(abs(run.speed) for run in row.bins.runs) for row in rows}
-    pull = {
-        row.joint: float(np.abs(row.bins.samples.acceleration[row.bins.is_stroke[row.bins.run]]).max(initial=0.0))
-        for row in rows
-    }
     g = float(np.linalg.norm(model.robot.gravity))
-    full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed, "inertia": pull}
+    full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed}
     out = []
     for index, column in enumerate(model.columns):
         if column.place is not None and column.shape is not None:
@@ -292,11 +285,7 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
             out.append(scale_of(term.shapes(model.robot)[column.shape], term.shape[column.shape]))
         elif column.place is not None:
             out.append(plausible([(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows], column.span))
-        elif column.effect == DELAY:
-            runs = [run for row in rows if row.joint == column.owner for run in row.bins.runs if run.kind == STROKE]
-            steps = [run.duration / max(run.samples, 1) for run in runs]
-            out.append((0.5 * float(np.mean(steps)) if steps else 0.0) + LAG)
-        elif column.effect == INERTIA and column.scope is Scope.LINK:
+        elif column.effect == INERTIA:
             peaks = [(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows if row.joint == column.owner]
             out.append(plausible(peaks, np.inf))
         else:
@@ -306,7 +295,7 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
 
 
 def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:
-    """(p,) inverse of each parameter's prior standard deviation: of effects and delays their limit, of others infinite.
+    """(p,) inverse of each parameter's prior standard deviation: of effects their limit, of others infinite.
 
     The paper's parameters have none: what the data do not show of them is not identifiable. An effect's are held so
     that a shape at which it looks like the paper's model does not let it, and with it that model, run off; and shapes
@@ -315,7 +304,7 @@ def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:
     out = np.zeros(len(limit))
     for index, column in enumerate(model.columns):
         at_bound = column.place is not None and column.shape in model.effects[column.place].held
-        if column.place is not None or column.effect == DELAY:
+        if column.place is not None:
             out[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
     return out
 
@@ -341,29 +330,23 @@ def releveled(fitted: Fit) -> Fit:
         residual = plain.left(values, gains).reshape(row.target.shape)
         weights = fitted.prior[columns] * (columns < len(values)) * np.sqrt(fitted.levels[row.joint].sample)
         last = np.diag(weights)[weights > 0.0]
-        ones, counts, is_stroke = row.ones, row.counts, row.bins.is_stroke
+        ones, counts = row.ones, row.counts
         if len(last):
             wide = [(0, 1), (0, max(len(last) - row.target.shape[1], 0)), (0, 0)]
             design, residual, ones = np.pad(design, wide), np.pad(residual, wide[:2]), np.pad(ones, wide[:2])
             design[-1, : len(last)], residual[-1, : len(last)] = last, -last @ np.append(values, gains.ratios)[columns]
-            counts, is_stroke = np.append(counts, len(last)), np.append(is_stroke, not np.any(~is_stroke))
-        estimated = noises.estimate(ones, design, residual, counts=counts, is_loud=is_stroke)
+            counts = np.append(counts, len(last))
+        estimated = noises.estimate(ones, design, residual, counts=counts)
         if estimated is not None:
             out[row.joint] = floored(estimated, row)
     return replace(fitted, levels=out)
 
 
 def floored(levels: Levels, row: Row) -> Levels:
-    """Never below what is rounding of the joint's current; and strokes as loud as all of them together are.
-
-    What strokes have beyond noise, a model's misfit, comes again in each: however many there are, it does not average
-    out, and they count as one. Strokes that are calmer (slow noise is less in short runs) lend that to no other run,
-    and are not believed more for it.
-    """
+    """Never below what is rounding of the joint's current."""
     spread = float(np.median(row.inner.spread))
     least = max(noises.EXACT**2 * row.bins.mean_square, np.finfo(float).tiny ** 0.5) / spread**2
-    loud = 1.0 + max(levels.loud - 1.0, 0.0) * max(int(np.count_nonzero(row.bins.is_stroke)), 1)
-    return replace(levels, sample=max(levels.sample, least), loud=loud)
+    return replace(levels, sample=max(levels.sample, least))
 
 
 def reach_of(limit: Floats, prior: Floats) -> Floats:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pumaid.dataset import STROKE
 from pumaid.effect_spec import Column
 from pumaid.effects import Scope
 from pumaid.errors import listed
@@ -17,7 +18,6 @@ from pumaid.estimation.noise import freedoms
 from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
 from pumaid.maths import Counts, Floats
 from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
-from pumaid.model import DELAY
 from pumaid.samples import Samples
 
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
@@ -89,8 +89,7 @@ class FittedParameters:
         """Every parameter, every ratio of neighbours, and where such is open the next one outward that is known."""
         model, out = self.fitted.model, []
         for index, column in enumerate(model.columns):
-            if column.effect != DELAY or column.place is not None:
-                out.append(self._parameter(index, column))
+            out.append(self._parameter(index, column))
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
@@ -291,7 +290,7 @@ def _freedoms(fitted: Fit, errors: Clustered, *, recursive: bool) -> Floats:
             estimated: Floats | float = float(levels.freedoms)
             if row.joint not in fitted.weak:
                 J = solution.jacobian[start:stop].reshape(*row.target.shape, -1)
-                ones, inverse = row.quiet_ones(levels), solution.linear.inverse
+                ones, inverse = row.ones, solution.linear.inverse
                 estimated = freedoms(levels, ones=ones, jacobian=J, inverse=inverse)[chosen]
             out[chosen] = np.clip(estimated, 1.0, float(levels.freedoms))
         start = stop
@@ -322,7 +321,7 @@ def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Com
     sums: list[Combination] = []
     for row in sorted(fitted.fitted.rows, key=lambda row: row.joint):
         rms = math.sqrt(row.bins.mean_square)
-        sums_at_joint = list(_loads(fitted, row))
+        sums_at_joint = list(_felt(fitted, row))
         for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
             covered, names = fitted.coverage[row.joint], fitted.fitted.model.names
             if covered.has_one_speed(sign):
@@ -330,11 +329,11 @@ def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Com
                 weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
                 weights[names.index(f"viscous.j{row.joint}.{side}")] = sign * float(np.mean(covered.speeds[sign]))
                 text = f"friction of joint {row.joint} {way}, at the one speed that was run"
-                sums_at_joint.append((weights, text))
-        for weights, text in sums_at_joint:
+                sums_at_joint.append((weights, text, "A", 1.0))
+        for weights, text, unit, size in sums_at_joint:
             # Parameters of plausible size would make this sum a part of the joint's current.
-            reach = float(np.linalg.norm(weights[: len(fitted.solution.values)] * fitted.fitted.limit))
-            total = _sum(fitted, row, weights, text)
+            reach = size * float(np.linalg.norm(weights[: len(fitted.solution.values)] * fitted.fitted.limit))
+            total = _sum(fitted, row, weights, text, unit=unit, size=size)
             far = (abs(weight) * errors[name] > WORTH * total.std_error for name, weight in total.terms.items())
             sums += [total] if reach > LEANING * rms and any(far) else []
     sums += _parts_of_effects(fitted)
@@ -361,8 +360,13 @@ def _parts_of_effects(fitted: FittedParameters) -> Iterator[Combination]:
             yield _sum(fitted, row, whole, text, unit=model.columns[int(shared.effects[members][0])].unit)
 
 
-def _sum(fitted: FittedParameters, row: Row, weights: Floats, text: str, *, unit: str = "A") -> Combination:
-    """The sum with its standard error; NaN where it rests on a direction that the data do not determine."""
+def _sum(
+    fitted: FittedParameters, row: Row, weights: Floats, text: str, *, unit: str = "A", size: float = 1.0
+) -> Combination:
+    """The sum with its standard error; NaN where it rests on a direction that the data do not determine.
+
+    `size` is what it is multiplied by in the joint's current.
+    """
     columns = fitted.fitted.model.columns
     bare = weights[: len(columns)]
     terms = {int(n): float(bare[n]) for n in np.flatnonzero(np.abs(bare) > SHARE * np.abs(bare).max(initial=0.0))}
@@ -370,27 +374,33 @@ def _sum(fitted: FittedParameters, row: Row, weights: Floats, text: str, *, unit
     error = math.sqrt(max(float(weights @ fitted.covariance @ weights) + off**2, 0.0))
     if any(n in fitted.confounded and columns[n].place is None for n in terms):
         off = error
-    value = float(bare @ fitted.solution.values) if off < LEANING * math.sqrt(row.bins.mean_square) else math.nan
+    value = float(bare @ fitted.solution.values) if size * off < LEANING * math.sqrt(row.bins.mean_square) else math.nan
     return Combination({columns[n].name: weight for n, weight in terms.items()}, value, error, unit, text)
 
 
-def _loads(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str]]:
-    """The whole gravity load of a revolute joint at positions 0 and a quarter turn, in each posture that was run."""
-    model = fitted.fitted.model
-    if not model.robot.joint(row.joint).is_revolute:
-        return
-    gravity = np.array([column.effect == "gravity" for column in model.columns])
-    held = np.nan_to_num(np.array([run.posture for run in row.bins.runs]))
-    postures = row.bins.postures[:MOST_POSTURES]
-    for number, group in enumerate(postures, start=1):
-        position = np.tile(held[group[0]], (2, 1))
-        position[:, row.joint - 1] = [0.0, math.pi / 2.0]
-        samples = Samples(row.joint, position, np.zeros_like(position), np.zeros(2), np.ones(2))
-        which = f" (posture {number})" if len(postures) > 1 else ""
-        joints = np.full(2, row.joint - 1)
-        base = model.base(samples)
-        rows = np.pad(base, ((0, 0), (0, len(gravity) - base.shape[1]))) * gravity
-        load = Bilinear(joints, rows, np.zeros(2), fitted.fitted.system.owners)
-        weights = load.jacobian(fitted.solution.gains, fitted.solution.values)
-        yield weights[0], f"weight felt by joint {row.joint} at position 0{which}"
-        yield weights[1], f"weight felt by joint {row.joint} a quarter turn on{which}"
+def _felt(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str, str, float]]:
+    """Weights, text, unit and size of what a joint feels in each posture that was run: the gravity load of a revolute
+    one at positions 0 and a quarter turn, and where it went from rest to rest its inertia, which acted with that
+    acceleration.
+    """
+    model, number, bins = fitted.fitted.model, row.joint, row.bins
+    joint, has_weight = model.robot.joint(number), np.array([c.effect == "gravity" for c in model.columns])
+    held = np.nan_to_num(np.array([run.posture for run in bins.runs]))
+    is_stroke = np.array([run.kind == STROKE for run in bins.runs])
+    size = float(np.sqrt(np.mean(bins.samples.acceleration[is_stroke[bins.run]] ** 2))) if is_stroke.any() else 0.0
+    strokes = [group for group in bins.postures if is_stroke[list(group)].any()]
+    for place, group in enumerate([*bins.postures[:MOST_POSTURES], *strokes[:MOST_POSTURES]]):
+        position = np.tile(held[group[0]], (3, 1))
+        position[1, number - 1] = math.pi / 2.0
+        base = model.base(Samples(number, position, np.zeros_like(position), np.array([0.0, 0.0, 1.0]), np.ones(3)))
+        base[2] -= base[0]
+        rows = np.pad(base, ((0, 0), (0, len(has_weight) - base.shape[1])))
+        rows[:2] *= has_weight
+        felt = Bilinear(np.full(3, number - 1), rows, np.zeros(3), fitted.fitted.system.owners)
+        weights = felt.jacobian(fitted.solution.gains, fitted.solution.values)
+        which = f" (posture {bins.postures.index(group) + 1})" if len(bins.postures) > 1 else ""
+        if place >= len(bins.postures[:MOST_POSTURES]):
+            yield weights[2], f"inertia felt by joint {number}{which}", f"A s2/{joint.position_unit}", size
+        elif joint.is_revolute:
+            yield weights[0], f"weight felt by joint {number} at position 0{which}", "A", 1.0
+            yield weights[1], f"weight felt by joint {number} a quarter turn on{which}", "A", 1.0

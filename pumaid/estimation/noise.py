@@ -35,9 +35,9 @@ AT_ONCE = 500
 FEWEST_OF_RUN = 12
 #: Fewest degrees of freedom from which two variances are estimated.
 FEWEST_FREEDOMS = 4
-#: Logarithms between which the ratio of level to sample, times a run's weight, and the variance of loud runs over that
-#: of others are looked for: on grids of so many points a variance, in so many rounds, each about the best of the last.
-LOWEST, HIGHEST, CALMEST, LOUDEST, POINTS, ROUNDS = -10.0, 14.0, -3.0, 14.0, 17, 6
+#: Logarithms between which the ratio of level to sample, times a run's weight, is looked for: on grids of so many
+#: points, in so many rounds, each about the best of the last.
+LOWEST, HIGHEST, POINTS, ROUNDS = -10.0, 14.0, 17, 6
 #: Costs that differ by less are one; singular values below this share of the largest are rounding.
 SAME_COST, RANK = 1e-6, 1e-9
 
@@ -93,10 +93,10 @@ class NoiseModel:
         spread = np.sqrt(density * (1.0 - fresh) / (1.0 + fresh))
         return NoiseModel(fresh, spread, self.level[near], self.from_replicates)
 
-    def scaled(self, levels: Levels, is_stroke: NDArray[np.bool_]) -> NoiseModel:
+    def scaled(self, levels: Levels) -> NoiseModel:
         """The same as the variances say that a whole fit leaves of runs that were whitened by it."""
-        sample = levels.sample * np.where(is_stroke, levels.loud, 1.0)
-        return replace(self, spread=self.spread * np.sqrt(sample), level=np.full(len(sample), np.sqrt(levels.level)))
+        level = np.full(len(self.spread), np.sqrt(levels.level))
+        return replace(self, spread=self.spread * np.sqrt(levels.sample), level=level)
 
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried
@@ -159,8 +159,8 @@ def inside_runs(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     floor = max(EXACT * float(np.sqrt(bins.mean_square)), 1e-70)
     correlation = np.zeros(len(pieces))
     spread = np.full(len(pieces), float(np.sqrt(bins.inside.sum() / bins.count.sum())))
-    for is_stroke in (False, True):
-        members = np.flatnonzero(bins.is_stroke == is_stroke)
+    for accelerates in (False, True):
+        members = np.flatnonzero(bins.accelerates == accelerates)
         places = np.flatnonzero(enough[members])
         if len(places):
             runs = members[places]
@@ -240,13 +240,12 @@ def _variance_of_mean(rho: Floats | float, n: Floats) -> Floats:
 class Levels:
     """Variances of one joint's current: of a sample (low-frequency noise, A2) and of the level that a run shares (A2).
 
-    `freedoms` are the degrees of freedom behind them; in loud runs a sample has `loud` times the variance.
+    `freedoms` are the degrees of freedom behind them.
     """
 
     sample: float
     level: float
     freedoms: int
-    loud: float = 1.0
 
 
 def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
@@ -258,14 +257,11 @@ def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
     return np.asarray((rows - ones[:, :, None] * along) / np.sqrt(levels.sample))
 
 
-def estimate(
-    ones: Floats, design: Floats, target: Floats, *, counts: Counts, is_loud: NDArray[np.bool_] | None = None
-) -> Levels | None:
-    """Restricted maximum likelihood of the two variances, and of a third where some runs may be noisier than others.
+def estimate(ones: Floats, design: Floats, target: Floats, *, counts: Counts) -> Levels | None:
+    """Restricted maximum likelihood of the two variances.
 
     `ones` (R, k) is each run's constant in its own rows, `design` (R, k, q), `target` (R, k); of the k rows `counts`
-    (R,) are true, the others zero. Runs that are `is_loud` (R,) may be noisier than the others, or calmer; without
-    effect where they are all or none. None where fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
+    (R,) are true, the others zero. None where fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
 
     Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320-338.
     """
@@ -273,58 +269,31 @@ def estimate(
     freedoms = int(counts.sum()) - basis.shape[2]
     if freedoms < FEWEST_FREEDOMS:
         return None
-    loud = np.zeros(len(ones), dtype=bool) if is_loud is None or is_loud.all() else is_loud.astype(bool)
-    profile = _VarianceLikelihood(ones, np.concatenate([basis, target[:, :, None]], axis=2), loud, counts=counts)
-    length2 = profile.length2
-    centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
-    low = np.array([centre + LOWEST, CALMEST if loud.any() else 0.0])
-    high = np.array([centre + HIGHEST, LOUDEST if loud.any() else 0.0])
-    ratio, times = np.exp(profile.best(low, high))
-    points = np.array([[ratio, times], [ratio, 1.0], [0.0, times], [0.0, 1.0]])
-    costs, samples = profile.at(points)
-    simplest = int(np.flatnonzero(costs <= costs.min() + SAME_COST)[-1])
-    ratio, times = points[simplest]
-    sample = float(samples[simplest])
-    return Levels(sample, float(ratio) * sample, freedoms, float(times))
+    joined = np.concatenate([basis, target[:, :, None]], axis=2)
+    along, length2 = np.einsum("rk,rkq->rq", ones, joined), np.sum(ones * ones, axis=1)
+    outer = (along[:, :, None] * along[:, None, :]).reshape(len(ones), -1)
+    gram = np.einsum("rkp,rkq->pq", joined, joined)
 
-
-class _VarianceLikelihood:
-    """The restricted likelihood over the ratio of level to sample and the times of loud runs, the sample profiled out.
-
-    `joined` (R, k, q + 1) is an orthonormal basis of the design, and the target.
-    """
-
-    def __init__(self, ones: Floats, joined: Floats, is_loud: NDArray[np.bool_], *, counts: Counts) -> None:
-        along = np.einsum("rk,rkq->rq", ones, joined)
-        self.outer = (along[:, :, None] * along[:, None, :]).reshape(len(ones), -1)
-        self.quiet, self.loud = (np.einsum("rkp,rkq->pq", part, part) for part in (joined[~is_loud], joined[is_loud]))
-        self.length2, self.is_loud, self.loud_rows = np.sum(ones * ones, axis=1), is_loud, int(counts[is_loud].sum())
-        self.freedoms = int(counts.sum()) - joined.shape[2] + 1
-
-    def at(self, points: Floats) -> tuple[Floats, Floats]:
-        """(n,) cost (minus twice the logarithm, but for constants) and sample variance (A2) at (n, 2) points."""
-        ratio, times = points[:, :1], points[:, 1:]
-        share = np.where(self.is_loud, 1.0 / times, 1.0)
-        stretch = ratio * share * self.length2
-        gram = self.quiet + self.loud / times[:, :, None]
-        pulled = (ratio * share**2 / (1.0 + stretch)) @ self.outer
-        shrunk = gram - pulled.reshape(gram.shape)
+    def profile(ratios: Floats) -> tuple[Floats, Floats]:
+        """(n,) cost (minus twice the logarithm, but for constants), and variance of a sample, A2, by level over it."""
+        stretch = ratios[:, None] * length2
+        shrunk = gram - ((ratios[:, None] / (1.0 + stretch)) @ outer).reshape(-1, *gram.shape)
         info, cross, square = shrunk[:, :-1, :-1], shrunk[:, :-1, -1], shrunk[:, -1, -1]
         explained = np.sum(cross * np.linalg.solve(info, cross[:, :, None])[:, :, 0], axis=1)
-        sample = np.maximum(square - explained, 1e-30 * gram[:, -1, -1] + 1e-300) / self.freedoms
-        cost = self.freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1]
-        return cost + self.loud_rows * np.log(times[:, 0]), sample
+        sample = np.maximum(square - explained, 1e-30 * gram[-1, -1] + 1e-300) / freedoms
+        cost = freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1]
+        return cost, sample
 
-    def best(self, low: Floats, high: Floats) -> Floats:
-        """(2,) logarithms of the point of least cost between two corners, by ever finer grids about the best."""
-        start, end = low, high
-        for _ in range(ROUNDS):
-            axes = [np.linspace(a, b, POINTS if b > a else 1) for a, b in zip(start, end, strict=True)]
-            grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-            middle = grid[int(np.argmin(self.at(np.exp(grid))[0]))]
-            step = (end - start) / (POINTS - 1)
-            start, end = np.maximum(middle - step, low), np.minimum(middle + step, high)
-        return np.asarray(middle)
+    centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
+    low, high = lowest, highest = centre + LOWEST, centre + HIGHEST
+    for _ in range(ROUNDS):
+        grid = np.linspace(low, high, POINTS)
+        middle, step = float(grid[np.argmin(profile(np.exp(grid))[0])]), (high - low) / (POINTS - 1)
+        low, high = max(middle - step, lowest), min(middle + step, highest)
+    ratios = np.array([np.exp(middle), 0.0])
+    costs, samples = profile(ratios)
+    simplest = int(costs[1] <= costs.min() + SAME_COST)
+    return Levels(float(samples[simplest]), float(ratios[simplest] * samples[simplest]), freedoms)
 
 
 def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:

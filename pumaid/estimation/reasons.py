@@ -36,6 +36,10 @@ REASONS: dict[str, tuple[str, str | None]] = {
     "no runs": ("waits for logs in which its joint moves alone", MOVE_ALONE),
     "no runs of one joint": ("waits for logs in which joint {joint} moves alone", MOVE_ALONE),
     "together": ("only determined together with {names}", "repeat its runs in other postures and at other speeds"),
+    "not accelerated": (
+        "no motion in these logs shows it",
+        "record motion in which several joints accelerate at once",
+    ),
     "one direction": ("the joint never moves {way} in these logs", "repeat its {other} runs {way}"),
     "one speed": (
         "every {way} run has {speeds} {unit}, so Coulomb and viscous friction cannot be told apart, only their sum at"
@@ -177,7 +181,7 @@ def of_column(
     if column.effect in ("coulomb", "viscous"):
         return _of_friction(model, column, coverage[column.owner], partners)
     if column.effect != "gravity":
-        return reason("together", names=listed(partners, NAMED) or "nothing that these runs vary")
+        return reason("together", names=listed(partners, NAMED)) if partners else reason("not accelerated")
     of_friction = any(name.startswith(("coulomb", "viscous")) for name in partners)
     if not model.robot.joint(column.owner).is_revolute and of_friction:
         return reason("one load")

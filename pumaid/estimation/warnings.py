@@ -15,12 +15,9 @@ from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.covariance import two_sided
 from pumaid.estimation.fit import Fit, FitRow
-from pumaid.estimation.gls import fit_bins
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit
 from pumaid.joint_bins import JointBins, joint_bins
-from pumaid.model import Model
-from pumaid.preprocessing.options import STROKE
 from pumaid.preprocessing.replicates import Pair
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -66,8 +63,6 @@ SMALLEST_PART = 1e-3
 PARALLEL = 1e-6
 #: Standard errors beyond which a gain ratio, and an inertia, has a sign.
 SURELY, NEGATIVE = 5.0, 3.0
-#: Standard errors by which a delay must move a parameter to be noted, and effects that a delay passes for.
-DELAYED, LATE = 3.0, ("coulomb", "viscous", "inertia")
 
 
 def notes_on(
@@ -81,7 +76,6 @@ def notes_on(
         *of_misfit(fitted, estimate.joints),
         *of_runs(fitted),
         *of_drift(estimate.joints, repeated),
-        *([] if estimate.effects else of_delays(fitted, values)),
         *of_few_runs(fitted),
         *of_gears(fitted, robot),
         *of_falling_friction([value for value in values if value.joint not in of_speed]),
@@ -162,7 +156,7 @@ def of_runs(fitted: Fit) -> list[Note]:
     for row in fitted.joints:
         bins, (rms, level) = row.bins, row.by_run()
         # What accelerates leaves more, by all that a change of speed does.
-        steady = np.flatnonzero(~bins.is_stroke)
+        steady = np.flatnonzero(~bins.accelerates)
         if len(steady) < FEWEST:
             continue
         size, usual = math.sqrt(bins.mean_square), float(np.median(rms[steady]))
@@ -202,7 +196,7 @@ def _outlying(rms: Floats, *, least: float) -> NDArray[np.bool_]:
 
 def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
     """(N,) A that each run's own first harmonic, and in strokes its motion, leave; and (R,) their numbers of terms."""
-    v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.is_stroke[bins.run]
+    v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.accelerates[bins.run]
     motion = [np.ones(len(v)), stroke * v, stroke * bins.samples.acceleration]
     drawn, terms = fit_each_run(bins, np.column_stack([bins.harmonic, *motion]))
     return bins.current - drawn, terms
@@ -224,7 +218,7 @@ def _spikes(bins: JointBins) -> list[float]:
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
-    long = np.flatnonzero(~bins.is_stroke & (bins.lengths >= ENOUGH))
+    long = np.flatnonzero(~bins.accelerates & (bins.lengths >= ENOUGH))
     series = (bins.count, bins.inside, _beside_harmonics(bins)[0])
     counts, inside, residual = (np.split(values, bins.first[1:]) for values in series)
     full = [inside[n] for n in long if np.median(counts[n]) >= FULL]
@@ -272,35 +266,6 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
                 " after"
             )
             yield Note("repeats-differ", text, Where(joint=fit.joint))
-
-
-def of_delays(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
-    """A note for each joint with nothing but strokes whose numbers are others if its current comes late, or early.
-
-    A fit in which such joints may be late tells by how much: half a millisecond matters where strokes are short.
-    """
-    runs = [run for row in fitted.rows for run in row.bins.runs]
-    alone = sorted({run.joint for run in runs} - {run.joint for run in runs if run.kind != STROKE})
-    if not alone:
-        return
-    model = Model.of_runs(fitted.model.robot, runs, all_delays=True)
-    free = fit_bins(model, [row.bins for row in fitted.rows])
-    late = dict(zip(model.names, zip(free.values, np.sqrt(np.diag(free.inverse)), strict=False), strict=True))
-    for joint in alone:
-        off = {
-            value: abs(late[value.name][0] - value.value) / float(np.hypot(value.std_error, late[value.name][1]))
-            for value in values
-            if value.joint == joint and value.name.split(".")[0] in LATE and value.value is not None and value.std_error
-        }
-        worst = max(off, key=lambda value: off[value], default=None)
-        if worst is None or off[worst] <= DELAYED:
-            continue
-        text = (
-            f"joint {joint} has no runs at constant speed. If its current is delayed against its position,"
-            f" {worst.name} would be {number(late[worst.name][0])} instead of {number(worst.value or 0.0)}"
-            f" {worst.unit}. Record runs at constant speed to rule this out"
-        )
-        yield Note("strokes-late", text, Where(joint=joint))
 
 
 def of_few_runs(fitted: Fit) -> Iterator[Note]:

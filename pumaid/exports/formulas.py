@@ -89,7 +89,7 @@ class Formulas:
         has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
         effects = terms_of(estimate.effects)
         reasons = {spoken(effect): why_left_out(effect, robot) for effect in effects}
-        if estimate.stroke_postures:
+        if any(name.startswith(("inertia.l", "rotor.")) for name in estimate.names):
             reasons["inertia"] = catalogue()["inertia"].left_out
         # What a posture of this arm may need and the data did not tell; not what no posture can show.
         structure = minimal(robot)

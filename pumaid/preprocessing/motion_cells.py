@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +147,8 @@ def block_runs(stretch: Stretch, piece: Piece, body: RigidBody, *, clock: int) -
         for joint in range(1, log.position.shape[1] + 1):
             chosen = rows[np.isfinite(table.current[rows, joint - 1])]
             if len(chosen) >= FEWEST_CELLS:
-                runs.append(_run(log, time, table, joint=joint, rows=chosen, samples=whole, clock=clock))
+                run = _run(log, time, table, joint=joint, rows=chosen, samples=whole, clock=clock)
+                runs.append(replace(run, stamp_error=stretch.stamp_error))
     return runs
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from pumaid.dataset import BLOCK
+from pumaid.dataset import BLOCK, CONSTANT, STROKE
 from pumaid.errors import PumaidError, Where
 
 #: Numbers beyond it (rad, m, A) are garbage of a logger, no measurements.
 LARGEST = 1e6
 #: Kinds of runs: at constant speed, from rest to rest, any motion; and the word of `SegmentOptions.kinds` for all.
-CONSTANT, STROKE, BOTH = "constant", "stroke", "both"
+BOTH = "both"
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,7 +118,12 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
         for key, step in ratios.items()
     }
     place = {key: _ORDER.index(first) for key in rows if (first := (key[0], "") if key in ratios else key) in _ORDER}
-    for key in sorted(rows, key=lambda key: (place.get(key, len(_ORDER)), key)):
+    unseen = {
+        key
+        for key, values in rows.items()
+        if key[0] in ("inertia", "rotor") and all(value.value is None for value in values.values())
+    }
+    for key in sorted(rows.keys() - unseen, key=lambda key: (place.get(key, len(_ORDER)), key)):
         scale = gravity if key[0] == "gravity" else 1.0
         names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
         unit = " | ".join(dict.fromkeys(name for name in names if name))
@@ -130,9 +135,10 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     body.append(["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints)])
     body.append(["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints)])
     body.append(["runs", *(str(fit.runs) for fit in estimate.joints)])
-    extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in _ORDER)
+    extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*_ORDER, *unseen})
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
     legend += ["n/i: not identifiable from these logs"] if marks else []
+    legend += [f"{len(unseen)} rows of inertia are left out, of which no motion shows any"] if unseen else []
     texts = []  # parameters of the whole arm, which have no column
     for value in estimate.values:
         if value.joint is None and not value.name.startswith("gain_ratio"):

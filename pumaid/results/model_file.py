@@ -52,7 +52,6 @@ def model_document(estimate: Estimate) -> dict[str, Any]:
                 "covariance": estimate.covariance,
                 "scales": estimate.scales,
                 "blind": estimate.blind,
-                "stroke_postures": [{"joint": joint, "hold": hold} for joint, hold in estimate.stroke_postures],
                 "order": [value.name for value in estimate.values],
             },
         }
@@ -89,8 +88,7 @@ def estimate_from(document: Mapping[str, Any]) -> Estimate:
     values = [value for joint in document["joints"] for value in joint["parameters"]]
     values += [*document["arm"], *document["ratios"]]
     place = {name: number for number, name in enumerate(inner["order"])}
-    postures = [(posture["joint"], posture["hold"]) for posture in inner["stroke_postures"]]
-    entries = {**document, **inner, "stroke_postures": postures, "version": document["pumaid"]}
+    entries = {**document, **inner, "version": document["pumaid"]}
     entries |= {"origin": document["recipe"]["file"], "recipe_digest": document["recipe"]["sha256"]}
     entries["values"] = sorted(values, key=lambda value: place[value["name"]])
     estimate: Estimate = record_from(Estimate, entries)

@@ -54,10 +54,10 @@ def test_inertia_in_closed_loop(rate, step, mean):
         logs = simulate(truth.robot, strokes_and_runs(), truth=truth, seed=seed, rate=rate)
         found = identify(segment(logs, pendulums()), pendulums())
         known = truth.gain * np.diag(RigidArm(truth, step=0.001).inertia(np.full(2, 0.4)))
-        values = [value for value in found.values if value.name.startswith("inertia.") and value.value is not None]
-        off = np.array([value.value - known[value.joint - 1] for value in values])
-        shares += (off / known[[value.joint - 1 for value in values]]).tolist()
-        z += [error / value.std_error for error, value in zip(off, values, strict=True)]
+        felt = [part for part in found.combinations if part.text.startswith("inertia felt by joint")]
+        off = np.array([part.value for part in felt]) - known
+        shares += (off / known).tolist()
+        z += [error / part.std_error for error, part in zip(off, felt, strict=True)]
     assert len(shares) == 2 * len(SEEDS) and abs(np.mean(shares)) < mean and np.abs(shares).max() < 2.4 * mean
     assert np.sqrt(np.mean(np.square(z))) < 4.0
 
@@ -99,6 +99,8 @@ def test_identify_and_diagnose_fit_the_same_parameters():
     estimate = identify(dataset, robot)
     fitted = fit_with_replicates(Model.of_runs(robot, dataset.runs), joint_bins(robot, dataset.runs))
     values = dict(zip(fitted.model.names, fitted.values, strict=True))
-    off = {v.name: (values[v.name] - v.value) / v.std_error for v in estimate.values if v.value and v.name in values}
-    assert {"inertia.j1.J", "inertia.j2.J"} <= off.keys()
-    assert max(abs(value) for value in off.values()) < 1.0
+    off = [(values[v.name] - v.value) / v.std_error for v in estimate.values if v.value and v.name in values]
+    for part in estimate.combinations:
+        off.append((sum(w * values[name] for name, w in part.terms.items()) - part.value) / part.std_error)
+    assert len([part for part in estimate.combinations if "inertia" in part.text]) == 2
+    assert max(map(abs, off)) < 1.0

@@ -167,7 +167,7 @@ def test_flags_a_stroke_whose_inertia_is_unknown(fitted):
     current = pendulum_current(1, course[1], other=0.0, qd=course[2]) + 0.7 * course[3]
     stroke = worlds.run_of(worlds.PENDULUM, 1, [0.0, 0.0], course=course, current=current)
     score = made(Dataset((stroke,)), fitted[1]).runs[0]
-    assert score.undetermined and "inertia of joint 1" in score.reason
+    assert score.undetermined and "inertia is missing" in score.reason
     assert score.rmse == pytest.approx(0.7 * np.sqrt(np.mean(course[3] ** 2)), rel=0.05)
 
 

@@ -53,8 +53,7 @@ def along(kind: str, runs: int, apart: float = 0.0) -> FitRow:
         path = course(kind, start + away, end + away, duration=3.0, samples=300)
         current = np.sign(path[2]) + 0.05 * np.cos(WAVE * path[1] + 0.7) + rng.normal(0.0, NOISE, 300)
         made.append(run_of(LEVER, 1, [0.0], course=path, current=current, bins=300))
-    model = Model(LEVER, [(1, (0.0,))] if kind == "stroke" else ())
-    return fit_with_replicates(model, joint_bins(LEVER, made, most=300)).row(1)
+    return fit_with_replicates(Model.of_runs(LEVER, made), joint_bins(LEVER, made, most=300)).row(1)
 
 
 def dense(row: FitRow, frequency: float) -> tuple[np.ndarray, float]:

@@ -140,10 +140,3 @@ def test_settling_is_free_at_every_speed_and_nowhere_else():
     columns = np.column_stack([lab.model.design(field), free.linear(lab.model.robot, field.samples)])
     assert left(columns, early) < 1e-6 * float(early @ early)
     assert left(columns, late) > 0.5 * float(late @ late)
-
-
-def test_strokes_have_no_settling():
-    """A run from rest to rest has no speed to settle at."""
-    lab = lever()
-    (field,) = lab.bins()
-    assert settling([replace(field, runs=tuple(replace(run, kind="stroke") for run in field.runs))]) == ()

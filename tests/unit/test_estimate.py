@@ -35,8 +35,6 @@ from pumaid.trajectory import Plan
 #: Relative to the value or, where that is smaller, to 0.001 in SI, to 1 for a ratio of gains (the paper's eta_5/eta_6
 #: of 2e-6 acts on a load that is itself a thousandth of an ampere).
 EXACT = 1e-9
-#: The same where strokes are among the runs, whose delay is told from means over bins.
-EXACT_IN_CELLS = 2e-5
 #: A: the root of what double precision loses of currents squared, times ten.
 ROUNDING = 1e-7
 PAPER, QUIET = table1.experiment(), puma(noisy=False)
@@ -76,29 +74,6 @@ def test_exact_without_noise(name, recursive):
             if v.state == "identified"
         }
         assert max(off.values()) < EXACT, max(off, key=off.get)
-
-
-def test_stanford_from_samples():
-    """The same from dense samples of every run, made from the truth by this test, strokes among them."""
-    truth, plan = CASES["stanford"]
-    runs = []
-    for number, motion in enumerate(plan.motions):
-        kind = "stroke" if number % 3 == 0 else "constant"
-        moves = course(kind, motion.start, motion.end, duration=abs(motion.end - motion.start) / motion.velocity)
-        _, q, qd, qdd = moves
-        position, own = np.tile(motion.hold, (len(q), 1)), motion.joint - 1
-        position[:, own] = q
-        way = np.where(qd == 0.0, 1e-300 * np.sign(motion.end - motion.start), qd)
-        friction = truth.friction.current(motion.joint, way)
-        current = truth.gravity_current(position)[:, own] + friction + truth.inertia[own] * qdd
-        runs.append(run_of(STANFORD, motion.joint, motion.hold, course=moves, current=current))
-    estimate = identify(Dataset(tuple(runs)), STANFORD)
-    known, values = truth.parameters(), identified(estimate)
-    inertias = {name: value for name, value in values.items() if name.startswith("inertia")}
-    assert len(inertias) >= 6 and len(values) - len(inertias) == 37
-    for name, value in values.items():
-        wanted = truth.inertia[int(name.split(".")[1][1:]) - 1] if name in inertias else known[name]
-        assert value == pytest.approx(wanted, rel=EXACT_IN_CELLS, abs=EXACT_IN_CELLS * 1e-3)
 
 
 def part(name: str, chosen) -> tuple[Truth, Estimate]:
@@ -371,7 +346,7 @@ def test_inertia_of_strokes_is_not_added_twice():
         current = np.cos(moves[1]) + 0.3 * sign + 0.05 * moves[3]
         runs.append(run_of(CRANE, 1, (0.0, 0.1, 0.2), course=moves, current=current))
     estimate = identify(Dataset(tuple(runs)), CRANE, effects=[EffectChoice("inertia", 1)])
-    assert estimate.effects == () and estimate.names.count("inertia.j1.J") == 1
+    assert estimate.effects == () and "inertia.j1.J" not in estimate.names
     # Without word on effects the recipe's are fitted.
     robot = replace(CRANE, effects=(EffectChoice("inertia", 1), EffectChoice("spring", 1)))
     assert [choice.effect for choice in identify(Dataset(tuple(runs)), robot).effects] == ["spring"]

@@ -14,7 +14,9 @@ from pumaid.model import Model
 from pumaid.samples import Samples
 
 #: A name as interfaces.md has it.
-NAME = re.compile(r"gravity\.l\d\.(x|y|mass)|(coulomb|viscous)\.j\d\.(plus|minus)|inertia\.j\d\.J\d*")
+NAME = re.compile(
+    r"gravity\.l\d\.(x|y|mass)|(coulomb|viscous)\.j\d\.(plus|minus)|inertia\.l\d\.(m[xyz]?|[xyz]{2})|rotor\.j\d"
+)
 
 
 def sampled(robot, joint, hold, moves) -> tuple:
@@ -30,11 +32,16 @@ def sampled(robot, joint, hold, moves) -> tuple:
 
 def test_names_are_the_contracts():
     """Every parameter of the Stanford arm has a name of the contract, and the paper's symbol."""
-    model = Model(STANFORD, [(3, (0.0,) * 6)])
+    model = Model(STANFORD, is_dynamic=True)
     assert [name for name in model.names if not NAME.fullmatch(name)] == []
-    assert {"gravity.l3.mass", "gravity.l6.x", "coulomb.j3.minus", "viscous.j1.plus", "inertia.j3.J"} <= set(
-        model.names
-    )
+    assert {
+        "gravity.l3.mass",
+        "gravity.l6.x",
+        "coulomb.j3.minus",
+        "viscous.j1.plus",
+        "inertia.l2.zz",
+        "rotor.j3",
+    } <= set(model.names)
     symbols = {column.name: (column.symbol, column.unit) for column in model.columns}
     assert symbols["gravity.l3.mass"] == ("m3", "A s2/m")
     assert symbols["gravity.l6.x"] == ("k6x", "A s2/m")
@@ -50,23 +57,14 @@ def test_outer_links_act_on_inner_joints_only():
     assert moved["gravity.l2.x"] > 1.0 and moved["coulomb.j2.plus"] == 1.0 and moved["coulomb.j2.minus"] == 0.0
 
 
-def test_strokes_in_other_outer_postures_have_other_inertias():
-    """Inertia is one parameter a set of outer positions; where the inner joints stand does not matter."""
-    holds = [(0.0, 0.0, 0.1), (1.0, 0.0, 0.1), (0.0, 0.0, 0.5), (0.0, 0.0, 0.101)]
-    runs = [sampled(CRANE, 2, hold, course("stroke", -0.2, 0.2))[0] for hold in holds]
-    model = Model.of_runs(CRANE, runs)
-    assert [name for name in model.names if name.startswith("inertia")] == ["inertia.j2.J1", "inertia.j2.J2"]
-    columns = [model.names.index(f"inertia.j2.J{group}") for group in (1, 2)]
-    acting = [model.design(joint_bins(CRANE, [run])[0])[:, columns].any(axis=0).tolist() for run in runs]
-    assert acting == [[True, False], [True, False], [False, True], [True, False]]
-
-
-def test_a_stroke_elsewhere_is_foreign():
-    """A stroke in a posture whose inertia was never identified is known as such; a constant run never is."""
-    model = Model(CRANE, [(2, (0.0, 0.0, 0.1))])
-    near, far = (sampled(CRANE, 2, hold, course("stroke", -0.2, 0.2))[0] for hold in ((0, 0, 0.11), (0, 0, 0.9)))
-    steady = sampled(CRANE, 2, (0, 0, 0.9), course("constant", -0.2, 0.2))[0]
-    assert [model.is_foreign(run) for run in (near, far, steady)] == [False, True, False]
+def test_inertia_is_in_the_model_where_something_accelerates():
+    """A stroke brings the rigid body's parameters, of which a run at constant speed shows weight alone."""
+    stroke, steady = (sampled(CRANE, 2, (0.0, 0.0, 0.1), course(kind, -0.2, 0.2))[0] for kind in ("stroke", "constant"))
+    assert not any(name.startswith(("inertia", "rotor")) for name in Model.of_runs(CRANE, [steady]).names)
+    model = Model.of_runs(CRANE, [stroke, steady])
+    inertial = [n for n, name in enumerate(model.names) if name.startswith(("inertia", "rotor"))]
+    shown = [model.design(joint_bins(CRANE, [run])[0])[:, inertial].any() for run in (stroke, steady)]
+    assert inertial and shown == [True, False]
 
 
 def test_prediction_is_the_truth_where_the_fit_is_exact():

@@ -52,7 +52,6 @@ def estimate() -> Estimate:
         blind=np.zeros((2, 0)),
         effects=(EffectChoice("stribeck", 2, {"velocity": 0.12}), EffectChoice("cogging")),
         combinations=(Combination({"gravity.l2.x": 1.0, "coulomb.j1.plus": -2.0}, 0.5, 0.01, "A", "k2x - 2 lambda1+"),),
-        stroke_postures=((2, (0.5, -1.5)),),
         method="recursive",
         recursive=(Value("gravity.l2.x", "k2x", 2, "A s2/m", 0.3, 0.1, (0.1, 0.5)),),
         recipe_digest="ab" * 32,

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
+from worlds import course, run_of
 
+from pumaid.dataset import Dataset
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
 from pumaid.robot import Joint, Robot
@@ -84,7 +89,11 @@ def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_show
     ]
     rotors = np.array([np.diag(rates) for rates in motion[2].T])
     whole = np.concatenate([np.array(bodies), rotors], axis=2).transpose(1, 0, 2).reshape(len(columns), -1)
-    assert base.width(1) == np.linalg.matrix_rank(columns) == np.linalg.matrix_rank(whole, tol=1e-8 * len(whole))
+    # A load of a slide that is the same in any posture is its friction's.
+    constant = np.repeat(np.eye(robot.n_joints)[:, ~robot.is_revolute], 200, axis=0)
+    columns, whole = np.hstack([constant, columns]), np.hstack([constant, whole])
+    rank = np.linalg.matrix_rank(whole, tol=1e-8 * len(whole))
+    assert constant.shape[1] + base.width(1) == np.linalg.matrix_rank(columns) == rank
     torque = torques(model, motion).ravel()
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
     assert np.abs(left).max() < 1e-9 * np.abs(torque).max()
@@ -102,3 +111,29 @@ def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_show
 def test_known_arms_have_known_numbers_of_base_parameters(name, widths):
     """40, 40, 48 and 37 in all."""
     assert [len(kept) for kept in base_parameters(read_recipe(shipped_recipes()[name])).counted] == widths
+
+
+def test_strokes_and_runs_of_an_engines_arm():
+    """Of one joint at a time, friction and the inertia that each feels come back, in A of motors of unknown gains."""
+    rng, runs = np.random.default_rng(8), []
+    robot = chain("RRR", rng)
+    model, _ = engine(robot, rng)
+    gains, friction = rng.uniform(0.5, 2.0, 3), rng.uniform(0.2, 1.0, (3, 2))
+    held = [rng.uniform(-1.0, 1.0, 3) for _ in range(4)]
+    for joint, (number, hold), way in itertools.product((1, 2, 3), enumerate(held), (1.5, -1.5)):
+        for kind, duration in (("constant", 2.0), ("constant", 4.0), *[("stroke", 2.0)] * (number == 0)):
+            moves = course(kind, -way, way, duration=duration, samples=400)
+            state = [np.zeros((3, 400)) for _ in range(3)]
+            state[0][:] = hold[:, None]
+            for part, values in zip(state, moves[1:], strict=True):
+                part[joint - 1] = values
+            dry, viscous = friction[joint - 1]
+            current = torques(model, state)[joint - 1] * gains[joint - 1] + np.sign(way) * dry + viscous * moves[2]
+            runs.append(run_of(robot, joint, hold, course=moves, current=current, bins=200))
+    estimate = identify(Dataset(tuple(runs)), robot)
+    for joint, (dry, viscous) in enumerate(friction, start=1):
+        values = [estimate.value(f"{name}.j{joint}.plus").value for name in ("coulomb", "viscous")]
+        assert values == pytest.approx([dry, viscous], rel=1e-4)
+    felt = {part.text[:23]: part.value for part in estimate.combinations if part.text.startswith("inertia")}
+    inertia = np.diag(pin.crba(model, model.createData(), held[0])) * gains
+    assert felt == {f"inertia felt by joint {n}": pytest.approx(inertia[n - 1], rel=1e-8) for n in (1, 2, 3)}

@@ -1,19 +1,11 @@
-"""Strokes through one filter: corners that smoothing blunts, noise in positions and unknown delays bias nothing."""
+"""Strokes through one filter: corners that smoothing blunts and noise in positions bias nothing."""
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
-from searches import with_current
-from worlds import CRANE, course, run_of
 
-from pumaid.dataset import Dataset, Log
-from pumaid.estimation.estimate import identify
-from pumaid.estimation.gls import fit_bins
-from pumaid.joint_bins import joint_bins
-from pumaid.model import Model
+from pumaid.dataset import Log
 from pumaid.preprocessing.binning import sliding, stroke_bins
 from pumaid.preprocessing.options import SegmentOptions
 
@@ -85,55 +77,3 @@ def test_too_few_currents_make_no_stroke():
     """Of some twenty currents averages would be off by more than blunt corners make of plain samples."""
     log, window = stroke(60.0, 1, lost=0.8)
     assert stroke_bins(log, 1, time=log.time, window=window) is None
-
-
-def late_runs(seed: int, delay: float):
-    """Runs of a crane's slide: some at constant speed, many strokes as short as half a second; currents come late."""
-    rng, runs = np.random.default_rng(seed), []
-    for kind, duration in 12 * [("constant", 2.0)] + 16 * [("stroke", 0.6)]:
-        way = 0.06 * rng.choice([-1.0, 1.0]) * rng.choice([0.5, 1.0, 2.0])
-        moves = course(kind, -way, way, duration=duration, samples=80)
-        time, _, speed, pull = moves
-        rise = np.gradient(0.3 * np.sign(way) + 0.7 * speed + 0.8 * pull, time)
-        current = 2.0 + np.sign(way) + 0.7 * speed + 0.8 * pull - delay * rise + SIGMA * rng.normal(size=80)
-        runs.append(run_of(CRANE, 2, (0.1, 0.0, 0.3), course=moves, current=current))
-    return runs
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.001, 0.003])
-def test_an_unknown_delay_is_no_viscous_friction(delay):
-    """Whether currents come 0, 1 or 3 ms late, intervals of viscous friction hold the truth, though strokes help."""
-    z = []
-    for seed in range(20):
-        found = identify(Dataset(tuple(late_runs(seed, delay))), CRANE)
-        values = [found.value(f"viscous.j2.{way}") for way in ("plus", "minus")]
-        z += [(value.value - 0.7) / value.std_error for value in values]
-    assert np.sqrt(np.mean(np.square(z))) < 1.5
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.002])
-def test_strokes_alone_tell_of_a_delay(delay):
-    """Where a joint has nothing but strokes, a delay that moves its friction is told, with what it would be then."""
-    told = []
-    for seed in range(10):
-        runs = tuple(run for run in late_runs(seed, delay) if run.kind == "stroke")
-        found = [note for note in identify(Dataset(runs), CRANE).notes if note.slug == "strokes-late"]
-        told += [float(re.search(r"viscous\.j2\.\w+ would be ([\d.]+)", note.text)[1]) for note in found]
-    assert len(told) == 10 and told == pytest.approx([0.7] * 10, rel=0.05) if delay else len(told) <= 1
-
-
-def test_a_fit_weighs_strokes_as_its_linearisation_does():
-    """Covariance (1e-9) is that of the whitened Jacobians and priors, where strokes are noisier than other runs."""
-    rng = np.random.default_rng(2)
-    runs = [
-        with_current(run, 3.0 * SIGMA * rng.normal(size=len(run.bins))) if run.kind == "stroke" else run
-        for run in late_runs(1, 0.0)
-    ]
-    fitted = fit_bins(Model.of_runs(CRANE, runs), joint_bins(CRANE, runs, is_settled=False))
-    assert fitted.levels[2].loud > 2.0
-    information, row = np.diag(fitted.prior**2), fitted.row(2)
-    information[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
-    errors = np.sqrt(np.diag(fitted.inverse))
-    errors = np.outer(errors, errors) + np.finfo(float).tiny
-    again = fitted.inverse @ information @ fitted.inverse  # an inverse where runs tell all, else a pseudo-inverse
-    np.testing.assert_allclose(again / errors, fitted.inverse / errors, atol=1e-6)
