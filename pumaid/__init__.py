@@ -11,8 +11,6 @@ Examples
 1
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``python -m pumaid``, and the program ``pumaid``."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal

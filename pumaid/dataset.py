@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note, Where
+from pumaid.maths import Counts, Floats
 
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 Binned = TypeVar("Binned", "Bins", "Means")
 
 #: Fields of a log with a value a sample.

@@ -1,7 +1,5 @@
 """What can go wrong, said in three lines: what, where, mend."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable, Sequence

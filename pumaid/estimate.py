@@ -1,16 +1,10 @@
 """A fitted model: values with their uncertainty, and all that is needed to predict with it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pumaid.errors import Note
+from pumaid.maths import Floats
 from pumaid.robot import EffectChoice
-
-Floats = NDArray[np.float64]
 
 IDENTIFIED, GIVEN, NOT_IDENTIFIABLE = "identified", "given", "not_identifiable"
 

@@ -6,17 +6,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
 from pumaid.joint_bins import JointBins, swept
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.samples import Loads, Samples
 
 if TYPE_CHECKING:
     from pumaid.model import Model
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 
 def along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:
@@ -106,7 +103,7 @@ def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats
     return out, weights
 
 
-def felt_ratios(heavy: NDArray[np.bool_], scales: Floats, i: int) -> Floats:
+def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:
     """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
     next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
     links = np.arange(len(scales))
@@ -117,7 +114,7 @@ def felt_ratios(heavy: NDArray[np.bool_], scales: Floats, i: int) -> Floats:
     return np.zeros(len(scales))
 
 
-def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: NDArray[np.bool_]) -> Floats:
+def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: Flags) -> Floats:
     """(M,) derivative of joint i's load by joint m's position (both from 0)."""
     if not turns[m]:
         far = weights[m] if turns[i] and m > i else 0.0

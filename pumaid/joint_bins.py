@@ -1,7 +1,5 @@
 """The runs of one joint as one table of bins: what every fit and every test of a fit is computed from."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -9,17 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, CONSTANT, Bins, Campaign, Run, coarser
 from pumaid.kinematics import posture_groups
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.replicates import replicates
 from pumaid.robot import Robot
 from pumaid.samples import Extent, Loads, Samples
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: Bins a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
 #: the narrowest presliding that a ramp leaves visible; and at which periodic ones are.
@@ -82,12 +77,12 @@ class JointBins:
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
     @property
-    def accelerates(self) -> NDArray[np.bool_]:
+    def accelerates(self) -> Flags:
         """(R,) runs that are not at constant speed: strokes, and blocks."""
         return np.array([run.accelerates for run in self.runs], dtype=bool)
 
     @property
-    def is_block(self) -> NDArray[np.bool_]:
+    def is_block(self) -> Flags:
         """(R,) runs in which all joints may move."""
         return np.array([run.kind == BLOCK for run in self.runs], dtype=bool)
 

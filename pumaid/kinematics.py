@@ -1,13 +1,11 @@
 """Frames by roll, pitch and yaw or by an axis, and postures that are near one another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from pumaid.maths import Counts, Floats
 
 
 def apart(first: ArrayLike, second: ArrayLike) -> Floats:
@@ -56,7 +54,7 @@ def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-Numbers = NDArray[np.int64]
+Numbers = Counts
 
 
 def grouped(count: int, alike: Callable[[int, Numbers], Numbers]) -> Iterator[list[int]]:

@@ -10,19 +10,17 @@ from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
+from pumaid.maths import Counts, Floats
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 from pumaid.samples import Loads, Samples
 from pumaid.structure import Structure, in_motion, minimal
-
-Floats = NDArray[np.float64]
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
@@ -104,7 +102,7 @@ class Model:
         """
         return np.hstack([self.base(samples), self.beyond(samples)])
 
-    def along(self, samples: Samples, sizes: NDArray[np.int64]) -> Floats:
+    def along(self, samples: Samples, sizes: Counts) -> Floats:
         """(M, b) of the paper's model along runs of `sizes` instants each; all joints but the moving one stand."""
         links = np.array([column.scope is Scope.LINK for column in self._base])
         turns = self.robot.joint(samples.joint).is_revolute

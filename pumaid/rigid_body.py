@@ -1,17 +1,13 @@
 """Rigid-body dynamics of a serial chain as a regressor: what each inertial parameter asks of each joint."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
-
-Floats = NDArray[np.float64]
 
 #: Parameters of a link, in its joint's frame: mass (kg), first moments (kg m), moments and products of inertia about
 #: the frame's origin (kg m2), and the inertia of the rotor as the joint feels it.

@@ -1,7 +1,5 @@
 """The arm as its recipe states it, in SI, and where its links are: a constant placement a joint, then its motion."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache

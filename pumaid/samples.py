@@ -1,16 +1,12 @@
 """What an effect sees: positions, velocities and the like at M instants of one moving joint; never the current."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-
+from pumaid.maths import Floats
 
 _empty = partial(np.zeros, 0)
 

@@ -1,22 +1,17 @@
 """Which parameters of the paper's model exist for an arm at all, derived from its geometry by rank."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effects import catalogue
-from pumaid.maths import rank
+from pumaid.maths import Floats, rank
 from pumaid.maths.bilinear import Recursion
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
 
 #: Random postures a joint: several times the most columns that a row can have (2 n + 4 for n = 10 joints).
 POSTURES = 120

@@ -1,7 +1,5 @@
 """Unit words and the factors that turn what a file holds into SI."""
 
-from __future__ import annotations
-
 import math
 
 #: Unit word -> (dimension, factor to SI). Inside the program everything is SI, angles rad, currents A.

@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 28145,
-    "statements": 17660,
+    "lines": 27915,
+    "statements": 17535,
     "modules": 169,
     "import depth": 12,
     "lines of tests and tools": 25150,

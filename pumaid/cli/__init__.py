@@ -1,7 +1,5 @@
 """The command line: a group that finds its commands by looking into ``commands/``."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

@@ -1,7 +1,5 @@
 """Adding what a diagnosis found: the command that does it, and ``--apply``, which does it step by step."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a failure looks like to the user: one place for messages on standard error and exit codes."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys

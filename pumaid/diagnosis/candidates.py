@@ -17,9 +17,10 @@ from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import NO_SHAPE, Family, Parameter, Shape
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import NoiseModel
-from pumaid.joint_bins import Counts, JointBins, extent
+from pumaid.joint_bins import JointBins, extent
+from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
-from pumaid.samples import Extent, Floats, Samples
+from pumaid.samples import Extent, Samples
 
 #: Effect and joint (from 1; None: the whole arm).
 Key = tuple[str, int | None]

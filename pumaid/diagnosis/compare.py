@@ -1,7 +1,5 @@
 """A model against measurement, on any logs, and the residual budget: on what the rest depends, and what is noise."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,12 +26,12 @@ from pumaid.estimation.evaluate import (
 )
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.noise import noise_of
-from pumaid.joint_bins import Counts, JointBins, joint_bins
+from pumaid.joint_bins import JointBins, joint_bins
+from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.results.model_file import check_same_recipe
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Floats
 
 Key = tuple[str, str]
 

@@ -1,7 +1,5 @@
 """Diagnose: which effect a model misses, with the evidence, its picture, the rivals, and the run that would decide."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -40,7 +38,8 @@ from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.joint_bins import Floats, JointBins, at, distinct
+from pumaid.joint_bins import JointBins, at, distinct
+from pumaid.maths import Floats
 from pumaid.maths.rank import pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise

@@ -1,7 +1,5 @@
 """Model discrimination: the runs after which it is decided which of two effects acts, or which show one effect."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -24,7 +22,8 @@ from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import ABSORBED, Fit, FitRow, Projector, elsewhere, loaded
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.joint_bins import COARSE, Counts, Floats, joint_bins
+from pumaid.joint_bins import COARSE, joint_bins
+from pumaid.maths import Counts, Floats
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 from pumaid.simulation import Bench

@@ -12,9 +12,9 @@ from pumaid import __version__
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
+from pumaid.maths import Floats
 from pumaid.results.documents import as_text, heading, plain, read_document, record_from, sealed
 from pumaid.results.model_file import model_digest
-from pumaid.samples import Floats
 from pumaid.trajectory import NextRun
 
 #: Name of the file in a folder of results.

@@ -1,7 +1,5 @@
 """Tests of a candidate: its score beside a fit, how good the best seems by chance, and what runs left out say of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +11,8 @@ from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, gri
 from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import ABSORBED, Fit, Projector, elsewhere
-from pumaid.joint_bins import Floats, JointBins
+from pumaid.joint_bins import JointBins
+from pumaid.maths import Floats
 from pumaid.maths.rank import FLAT, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times

@@ -28,7 +28,8 @@ from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, misfit_at
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
-from pumaid.joint_bins import COARSE, FINE, Floats, JointBins, joint_bins
+from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
+from pumaid.maths import Floats
 from pumaid.model import Model
 
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one

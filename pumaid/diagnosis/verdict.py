@@ -1,7 +1,5 @@
 """What has no name (free functions of one variable, scored like effects), and what would not have been seen."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
@@ -27,8 +25,9 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.estimation.fit import Fit, Projector
 from pumaid.joint_bins import JointBins
+from pumaid.maths import Floats
 from pumaid.robot import Robot
-from pumaid.samples import Floats, Samples
+from pumaid.samples import Samples
 
 #: Variable -> its unit (``{unit}`` is rad or m), and knots of a free function over its span: a bump of an eighth of the
 #: span is still seen.

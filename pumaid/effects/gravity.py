@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Floats, Parameter, Scope
+from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 

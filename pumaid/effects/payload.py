@@ -8,13 +8,13 @@ from pumaid.effects.base import (
     NO_SHAPE,
     Effect,
     Family,
-    Floats,
     Parameter,
     Scope,
     Shape,
     load_refusal,
 )
 from pumaid.effects.formula import loads_of
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 

@@ -1,13 +1,10 @@
 """Identification: runs, and effects beyond the paper's model, to every parameter with its honest uncertainty."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid import __version__
 from pumaid.dataset import Campaign, Dataset
@@ -24,8 +21,6 @@ from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_ef
 from pumaid.estimation.reasons import JointCoverage, reason
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
-
-Floats = NDArray[np.float64]
 
 
 def identify(

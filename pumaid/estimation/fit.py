@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm, columns_each
@@ -16,13 +15,10 @@ from pumaid.estimation import noise as noises
 from pumaid.estimation.noise import Levels, NoiseModel, reduced
 from pumaid.gravity_load import along, with_inertia
 from pumaid.joint_bins import JointBins
-from pumaid.maths import rank
+from pumaid.maths import Counts, Floats, rank
 from pumaid.maths.bilinear import Bilinear, Gains, JointSolution
 from pumaid.model import Model
 from pumaid.samples import Samples
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
 ABSORBED = 1e-5

@@ -1,12 +1,9 @@
 """The one weighted fit: bins of all joints, whitened by their noise, to parameters and ratios of gains."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
@@ -14,7 +11,7 @@ from pumaid.estimation import noise as noises
 from pumaid.estimation.fit import Fit, Row, design_of, plausible, with_loads
 from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
-from pumaid.maths import rank
+from pumaid.maths import Counts, Flags, Floats, rank
 from pumaid.maths.bilinear import (
     LARGEST_RATIO,
     RATIO_SPREAD,
@@ -28,8 +25,6 @@ from pumaid.maths.bilinear import (
 )
 from pumaid.model import INERTIA, Model
 
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 Progress = Callable[[int, str], None]
 
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
@@ -136,7 +131,7 @@ def _recursions(
     return paper, start, levels, weak
 
 
-def _absorbed(recursion: Recursion, is_load: NDArray[np.bool_]) -> dict[int, list[tuple[int, int]]]:
+def _absorbed(recursion: Recursion, is_load: Flags) -> dict[int, list[tuple[int, int]]]:
     """Columns left open by their own row; and weights of rows that were solved with an open load taken for known."""
     gains, owners = recursion.gains, recursion.owners
     is_open = recursion.undetermined.copy()

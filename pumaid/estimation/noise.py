@@ -7,12 +7,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.joint_bins import JointBins
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from pumaid.maths import Counts, Floats
 
 #: Fewest pairs of repeated runs from which noise is taken; with fewer it comes from the residuals.
 FEWEST_PAIRS = 6

@@ -1,13 +1,10 @@
 """What a user should know of a fit: each note with its slug, its test, what it says and what to do."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effects import Trace
 from pumaid.effects.base import Family, load_refusal
@@ -18,12 +15,10 @@ from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit
 from pumaid.joint_bins import JointBins, joint_bins
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.replicates import Pair
 from pumaid.robot import Robot
 from pumaid.units import number
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
 FAR = 2.0
@@ -119,7 +114,7 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     """The file with the largest error under a fit to all other runs, and what shows it."""
     origins, bins, suspects = np.array([run.origin for run in row.bins.runs]), row.bins, list[tuple[float, str, str]]()
 
-    def rmse(judged: NDArray[np.bool_], fitted: NDArray[np.bool_]) -> float:
+    def rmse(judged: Flags, fitted: Flags) -> float:
         """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out."""
         source, target = fitted[bins.run], judged[bins.run]
         table = np.sqrt(bins.count[source])[:, None] * np.column_stack([design[source], row.misfit[source]])
@@ -185,7 +180,7 @@ def of_runs(fitted: Fit) -> list[Note]:
     return notes
 
 
-def _outlying(rms: Floats, *, least: float) -> NDArray[np.bool_]:
+def _outlying(rms: Floats, *, least: float) -> Flags:
     """(n,) runs whose RMS (A) is beyond `least` and beyond what the others' scatter lets any of n be by chance."""
     logs = np.log(np.maximum(rms, np.finfo(float).tiny))
     off = logs - np.median(logs)

@@ -1,7 +1,5 @@
 """A model for other programs; every module of ``formats`` is one form, found by looking."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """The contract of a form of export: what one file under ``exports/formats`` states."""
 
-from __future__ import annotations
-
 import keyword
 import re
 import unicodedata

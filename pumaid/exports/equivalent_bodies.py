@@ -1,7 +1,5 @@
 """Torque constants, and masses and centres of mass whose weight then asks of every joint what the model asks."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping
@@ -9,15 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
 from pumaid.exports.formulas import Formulas
 from pumaid.kinematics import turn_of_z
+from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.structure import minimal
-
-Floats = NDArray[np.float64]
 
 #: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.
 LIGHTEST = 0.02

@@ -7,19 +7,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import catalogue
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.gravity_load import felt_ratios, loads
+from pumaid.maths import Flags, Floats
 from pumaid.model import Model
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 from pumaid.structure import minimal
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +152,7 @@ def why_left_out(term: EffectTerm, robot: Robot) -> str | None:
     return f"it depends on more than posture and velocities: {', '.join(more)}" if more else None
 
 
-def _terms(
-    robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: NDArray[np.bool_]
-) -> Iterator[Term]:
+def _terms(robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: Flags) -> Iterator[Term]:
     """An effect's terms; the load of another joint with an unknown ratio counts as none, as in the model."""
     if why_left_out(term, robot) is not None:
         return

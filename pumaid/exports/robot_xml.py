@@ -1,7 +1,5 @@
 """What URDF and MJCF share: names, numbers and the head of an XML file, and what masses leave out."""
 
-from __future__ import annotations
-
 import textwrap
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable

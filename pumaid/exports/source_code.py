@@ -1,7 +1,5 @@
 """Forms of source code: formulas in the syntax of another language, and what its templates are filled with."""
 
-from __future__ import annotations
-
 import ast
 import textwrap
 from collections.abc import Mapping
@@ -12,12 +10,10 @@ from typing import Any, ClassVar
 
 import jinja2
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.exports.base import Form, Subject, commented
 from pumaid.exports.formulas import Lack, Term
-
-Floats = NDArray[np.float64]
+from pumaid.maths import Floats
 
 #: Width of text in comments.
 WIDTH = 108

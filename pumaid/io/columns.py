@@ -1,7 +1,5 @@
 """From a file's columns to the robot's quantities in SI, by the recipe's `log` block; a guess of that block."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -11,14 +9,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, nearest, refuse
 from pumaid.io.formats import LogColumn
+from pumaid.maths import Counts, Floats
 from pumaid.robot import Joint, LogFormat, Robot
 from pumaid.units import UNITS
-
-Floats = NDArray[np.float64]
 
 #: Quantities of a joint in the order in which a table's columns are kept.
 QUANTITIES = ("position", "velocity", "current", "temperature")
@@ -71,7 +67,7 @@ class Columns:
 
     names: tuple[str, ...]
     factors: Floats
-    places: dict[str, NDArray[np.int64]]
+    places: dict[str, Counts]
     notes: tuple[Note, ...]
 
 
@@ -116,7 +112,7 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
     refuse(_faults(header, robot, wanted, name))
     unit = schema[header.index(robot.log.time)].unit
     names, factors = [robot.log.time], [UNITS[unit][1] if unit else time_factor(robot)]
-    places: dict[str, NDArray[np.int64]] = {}
+    places: dict[str, Counts] = {}
     notes: list[Note] = []
     for quantity, asked in wanted.items():
         present = {k: column for k, column in enumerate(asked) if column in header}

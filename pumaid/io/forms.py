@@ -1,7 +1,5 @@
 """Files that people write: YAML with the line of each value, checked by pydantic, every fault told at once."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

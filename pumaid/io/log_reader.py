@@ -3,8 +3,6 @@
 No step holds a file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections import Counter, defaultdict
@@ -14,17 +12,16 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, Where, listed, nearest
 from pumaid.io.columns import ALIKE, Columns, resolve
 from pumaid.io.formats import HEAD_BYTES, LogSource, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
+from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
+Rows = Counts
 
 #: No joint of an arm has a position, velocity or current beyond this (SI): what is, is garbage of the recorder.
 ABSURD = 1e6

@@ -1,7 +1,5 @@
 """Which log files a user means: files, folders, globs, and what lies in a store (``s3://bucket/logs``)."""
 
-from __future__ import annotations
-
 import fnmatch
 import glob
 import os

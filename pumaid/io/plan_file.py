@@ -1,7 +1,5 @@
 """Plans on disk: YAML that people edit and robots' programs read, or CSV with one row a run."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

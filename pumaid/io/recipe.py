@@ -1,7 +1,5 @@
 """Recipes: YAML files that state an arm; found, checked as a whole, turned into SI; texts to start from."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from functools import partial
@@ -13,7 +11,8 @@ import numpy as np
 from pumaid.errors import RecipeError, Where, nearest
 from pumaid.io.forms import MAX_BYTES, file_name, parsed_yaml, read_bytes, validated
 from pumaid.io.recipe_schema import ArmForm, JointForm, LogForm, RecipeForm, SafetyForm, coupled, faults_between
-from pumaid.kinematics import Floats, placement, turn_of_z
+from pumaid.kinematics import placement, turn_of_z
+from pumaid.maths import Floats
 from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
 
 #: The recipe's name in an experiment's folder.

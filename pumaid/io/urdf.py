@@ -1,7 +1,5 @@
 """URDF files: the serial chain in one that is an arm, and the recipe that states it as it is."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re
@@ -13,16 +11,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_text
 from pumaid.io.recipe import parsed_recipe, recipe_text
 from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_RAIL, SLOWEST, WIDEST, is_joint_name
 from pumaid.kinematics import placement, roll_pitch_yaw
+from pumaid.maths import Floats
 from pumaid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 #: Most bytes of a URDF, and most joints of a recipe.

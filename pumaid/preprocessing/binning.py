@@ -1,22 +1,17 @@
 """Pieces of a log as records: runs and strokes in bins, and what is left out with its reason."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, Bins, Log, Means, Reject, Run, finite_means, mean_times, spans
+from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.differentiate import Ticks, averaging_kernel, cubic_window, slopes, velocity
 from pumaid.preprocessing.options import CONSTANT, LARGEST, STROKE, SegmentOptions
 from pumaid.robot import Robot
 from pumaid.units import number
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Ticks on either side of the straight lines through a run's own ticks.
 HALF = 2
@@ -95,7 +90,7 @@ class Stretch:
     """
 
     log: Log
-    index: Ints  # (N,) their numbers in the window that they come from
+    index: Counts  # (N,) their numbers in the window that they come from
     time: Floats  # (N,) s at which they were taken, which stamps need not be
     stamp_error: float = 0.0  # s, RMS by which the stamps differ from it
     ticks: Ticks | None = None
@@ -161,7 +156,7 @@ def _reject(
 
 
 def _run(
-    stretch: Stretch, piece: Piece, log: Log, *, measured: Ints, robot: Robot, options: SegmentOptions
+    stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, robot: Robot, options: SegmentOptions
 ) -> Run | None:
     """A run, `measured` of whose samples have a current; None of a stroke for which these are too few."""
     joint, part = piece.joints[0], log.part(measured)
@@ -199,7 +194,7 @@ def _run(
     )
 
 
-def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Ints, size: int) -> Bins:
+def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, size: int) -> Bins:
     """At most `size` bins of the `measured` samples of a run; velocity is that of ticks inside the run only."""
     assert stretch.ticks is not None
     ticks, joint = stretch.ticks, piece.joints[0] - 1

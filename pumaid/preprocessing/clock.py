@@ -1,18 +1,14 @@
 """When samples were taken: at their time stamps, or evenly where the motion shows that only the stamps are uneven."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Run
 from pumaid.errors import Note, Where
+from pumaid.maths import Floats
 from pumaid.preprocessing.differentiate import savitzky_golay
-
-Floats = NDArray[np.float64]
 
 #: Unevenness of stamps, RMS as a share of their interval, below which nothing needs to be done.
 EVEN = 0.01

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from pumaid.maths import Counts, Floats
 
 #: s; short against the ramps of real arms, long enough to average tens of samples at 1 kHz.
 TICK = 0.02
@@ -141,7 +139,7 @@ class Ticks:
     `quantum` (J,) the smallest step of the position, rad or m.
     """
 
-    edges: Ints
+    edges: Counts
     time: Floats
     position: Floats
     interval: float

@@ -1,21 +1,17 @@
 """Runs that are kept for judging a model: by the plan, by file, or each joint's last posture."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.kinematics import posture_groups
+from pumaid.maths import Floats
 from pumaid.preprocessing.options import STROKE
 from pumaid.trajectory import Motion, Plan
-
-Floats = NDArray[np.float64]
 
 #: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.
 SAME_POSTURE = 0.05

@@ -1,7 +1,5 @@
 """Logs to a dataset: a file is a task on any executor (processes, a Dask cluster); results are merged in order."""
 
-from __future__ import annotations
-
 import logging
 import math
 import multiprocessing

@@ -3,8 +3,6 @@
 Each test looks at the statistics of one file, or of all, and yields the figures of each finding.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

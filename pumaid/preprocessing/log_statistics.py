@@ -6,14 +6,10 @@ from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import Log, finite_means
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.robot import Robot
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 #: s; displacements and mean currents are taken over windows of this: encoder noise averages out, a stroke has many.
 WINDOW = 0.1
@@ -126,7 +122,7 @@ class LogStatistics:
         scale = np.sqrt(np.outer(squares[:n], squares[n:]))
         return np.divide(self.products[:n, n:], scale, out=np.zeros_like(scale), where=scale > 0)
 
-    def _add_windows(self, log: Log, edges: Ints) -> None:
+    def _add_windows(self, log: Log, edges: Counts) -> None:
         """Add the windows between `edges`; what follows the last edge is no whole window."""
         starts, counts = edges[:-1], np.diff(edges)
         seconds, change = np.diff(log.time[edges])[:, None], np.diff(log.position[edges], axis=0)
@@ -160,7 +156,7 @@ class LogStatistics:
             self._add_currents(log.current, sampled, follows, starts)
             self._add_directions(speed, moves, middle, finite_means(log.current, starts))
 
-    def _add_currents(self, current: Floats, moving: Bools, follows: Bools, starts: Ints) -> None:
+    def _add_currents(self, current: Floats, moving: Flags, follows: Flags, starts: Counts) -> None:
         """Add extremes, repeats and zeros of (N, J) currents where they are measured while `moving`."""
         self.moving += moving.sum(axis=0)
         both = follows[1:] & moving[1:] & moving[:-1]
@@ -178,7 +174,7 @@ class LogStatistics:
             sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
             self.levels[j] = [_largest(a, values=b) for a, b in zip(self.levels[j], sides, strict=True)]
 
-    def _add_directions(self, speed: Floats, moves: Bools, middle: Floats, mean: Floats) -> None:
+    def _add_directions(self, speed: Floats, moves: Flags, middle: Floats, mean: Floats) -> None:
         """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
         measured = np.isfinite(mean).astype(float)
         self.compared += measured.T @ measured
@@ -200,7 +196,7 @@ class LogStatistics:
             groups[posture] = groups.get(posture, 0.0) + sums
 
 
-def _counts(flags: Bools, starts: Ints) -> Ints:
+def _counts(flags: Flags, starts: Counts) -> Counts:
     """(W, J) of true (N, J) flags from each start on."""
     return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
 

@@ -1,19 +1,14 @@
 """Any motion in cells: currents and every column of the rigid body through one filter; blocks of cells as runs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, Bins, Log, Run, finite_means
+from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.binning import Piece, Stretch, position_noise
 from pumaid.rigid_body import RigidBody
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: Samples whose regressor is made at once.
 CHUNK = 2048

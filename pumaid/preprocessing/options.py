@@ -1,7 +1,5 @@
 """What counts as a run: every threshold of the segmentation, with its unit and its reason."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE

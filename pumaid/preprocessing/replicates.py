@@ -1,17 +1,14 @@
 """Runs that repeat one another, and the noise floor that they show."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pumaid.dataset import BLOCK, Run
 from pumaid.kinematics import Numbers, grouped, near
-
-Floats = NDArray[np.float64]
+from pumaid.maths import Counts, Floats
 
 #: Held positions within this (rad or m) are the same posture to a controller: hundreds of encoder counts, and gravity
 #: differs by less than 1 %.
@@ -113,7 +110,7 @@ class _OrderedBins:
         self.rest = self.current - self.basis @ self.smooth
         self.rises = _ratio(np.diff(self.rest), np.diff(self.q))
 
-    def before(self, q: Floats) -> NDArray[np.int64]:
+    def before(self, q: Floats) -> Counts:
         """The bin before each position, so that it and the next enclose the position."""
         return np.asarray(np.searchsorted(self.q, q).clip(1, len(self.q) - 1) - 1)
 

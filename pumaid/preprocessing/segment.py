@@ -4,17 +4,15 @@ Joints are told at rest from moving, and movements at constant velocity from oth
 Any other motion is left out as a piece whose bins hold the means of all joints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, Dataset, Log, Reject, Run, coarser
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import Piece, Stretch, record, sliding
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
@@ -25,9 +23,6 @@ from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Record = TypeVar("Record", Run, Reject)
 
 #: Samples before the last movement of a window that the next window sees again.
@@ -183,7 +178,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             yield Stretch(samples, part, samples.time), [Piece(0, len(part), label)], 0
 
 
-def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Bools]:
+def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Flags]:
     """(K, J) velocities, and which joints move.
 
     A joint moves where its speed is surely above `rest_speed` and above `held_share` of the fastest joint's; the line
@@ -200,7 +195,7 @@ def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Bools]:
     return velocity, speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
 
 
-def _codes(velocity: Floats, moving: Bools, ticks: Ticks, options: SegmentOptions) -> Ints:
+def _codes(velocity: Floats, moving: Flags, ticks: Ticks, options: SegmentOptions) -> Counts:
     """(K,) 0 at rest, +joint or -joint by direction, or `SEVERAL`.
 
     A held joint that gives way by little, for a moment, does not end the motion of another: the moving joint changes
@@ -232,7 +227,7 @@ class _Movement:
     after: int | None
 
 
-def _movements(code: Ints) -> list[_Movement]:
+def _movements(code: Counts) -> list[_Movement]:
     """Ranges of equal code, in order."""
     borders = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [len(code)]]).tolist()
     codes: list[int | None] = [None, *code[borders[:-1]].tolist(), None]
@@ -243,7 +238,7 @@ def _movements(code: Ints) -> list[_Movement]:
 
 
 def _pieces(
-    stretch: Stretch, ticks: Ticks, movements: list[_Movement], *, moving: Bools, options: SegmentOptions
+    stretch: Stretch, ticks: Ticks, movements: list[_Movement], *, moving: Flags, options: SegmentOptions
 ) -> list[Piece]:
     """Runs and left-out pieces of a stretch in order, neighbours that are left out for the same reason as one."""
     out: list[Piece] = []
@@ -437,7 +432,7 @@ def _steady(speed: Floats, reach: int, *, share: float, error: float) -> list[tu
     return out
 
 
-def _true_ranges(values: Bools) -> list[tuple[int, int]]:
+def _true_ranges(values: Flags) -> list[tuple[int, int]]:
     """[start, stop) of every run of true values."""
     borders = np.flatnonzero(np.diff(values.astype(np.int8), prepend=0, append=0))
     return [(int(a), int(b)) for a, b in borders.reshape(-1, 2)]

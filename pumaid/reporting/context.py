@@ -1,11 +1,8 @@
 """What a report is made from: the arm, its model, the logs, the comparison of the two, diagnosis and history."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK, Dataset
 from pumaid.diagnosis.records import Diagnosis
@@ -14,8 +11,6 @@ from pumaid.estimation.evaluate import Comparison, RunScore
 from pumaid.reporting.formatting import in_unit
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: Held positions closer than this (rad or m) count as the same posture.
 SAME_POSTURE = 0.03

@@ -1,7 +1,5 @@
 """Records for other programs: entries of JSON documents, and tables of numbers; SI, angles in rad where not stated."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from typing import Any

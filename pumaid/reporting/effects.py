@@ -1,21 +1,17 @@
 """What an effect says of itself, as plain values, and its signature: its current against what it depends on."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.effects import Effect, Family, Parameter, Scope, Shape
 from pumaid.effects.plugins import ARM
+from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Loads, Samples
-
-Floats = NDArray[np.float64]
 
 #: Joints of `ARM` that stand for their kinds; neither is the first nor the last, which are special to some effects.
 TURNING, SLIDING = 5, 4

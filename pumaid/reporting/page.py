@@ -1,7 +1,5 @@
 """The report: one self-contained HTML page, whose sections are found by looking into ``sections/``, and its files."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil

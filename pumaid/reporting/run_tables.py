@@ -1,7 +1,5 @@
 """Tables of runs: those that logs contain, those that a plan asks for; and of the arm that makes them."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence

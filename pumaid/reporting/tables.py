@@ -1,7 +1,5 @@
 """Tables of a model, a comparison, a diagnosis and a history, and what the terminal shows of the last three."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

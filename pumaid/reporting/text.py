@@ -1,7 +1,5 @@
 """Sentences about a model, its errors on logs and a diagnosis: for engineers, with the numbers in them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import replace

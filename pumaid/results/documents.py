@@ -1,7 +1,5 @@
 """Result documents: records as JSON text closed by a digest, and records read back from it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """The models of an experiment: each is archived, with the model it was made from and the error that it left."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

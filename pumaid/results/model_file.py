@@ -1,7 +1,5 @@
 """Model files: an estimate as JSON that loses nothing."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import replace

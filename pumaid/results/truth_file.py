@@ -1,21 +1,17 @@
 """A virtual robot as a document, ``truth.json``, and back."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import ModelError, Where
+from pumaid.maths import Floats
 from pumaid.results.documents import FORMAT, heading, plain, record_from
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import KEYS, Hidden
 from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, links_of
-
-Floats = NDArray[np.float64]
 
 #: Significant digits of what a document works out from masses and gains; the last ones differ between machines.
 _DIGITS = 9

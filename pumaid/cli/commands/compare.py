@@ -1,7 +1,5 @@
 """``pumaid compare``: a model against measurement, on any logs."""
 
-from __future__ import annotations
-
 import rich_click as click
 
 from pumaid.cli import options

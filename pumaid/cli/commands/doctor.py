@@ -1,7 +1,5 @@
 """``pumaid doctor``: what a bug report needs."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

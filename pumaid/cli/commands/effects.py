@@ -1,7 +1,5 @@
 """``pumaid effects``: the catalogue of physics."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import rich_click as click

@@ -1,7 +1,5 @@
 """``pumaid history``: every model of an experiment, what each added, and the error after; undo."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import rich_click as click

@@ -1,7 +1,5 @@
 """``pumaid plan``: the runs that show every parameter of an arm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """C99: a header and a source file, for controllers."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from pumaid.exports.source_code import SourceForm

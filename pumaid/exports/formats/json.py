@@ -1,7 +1,5 @@
 """JSON: all that is needed to evaluate the model in a program of one's own, and postures to check it with."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

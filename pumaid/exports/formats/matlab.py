@@ -1,7 +1,5 @@
 """MATLAB: one function file, for Simulink's MATLAB Function block too."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from pumaid.exports.source_code import SourceForm

@@ -1,17 +1,13 @@
 """MJCF: the chain for MuJoCo, with masses that have the model's weight, symmetric friction and motors in ampere."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.exports.robot_xml import add, bodies_of, weights_only, written, xml_name
-
-Floats = NDArray[np.float64]
+from pumaid.maths import Floats
 
 
 class Mjcf(Form):

@@ -1,7 +1,5 @@
 """Python: one module that needs numpy and nothing else."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from pumaid.exports.source_code import SourceForm

@@ -1,18 +1,14 @@
 """URDF: the chain with masses that have the model's weight, and symmetric friction."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.exports.robot_xml import add, bodies_of, weights_only, written, xml_name
 from pumaid.kinematics import roll_pitch_yaw
-
-Floats = NDArray[np.float64]
+from pumaid.maths import Floats
 
 #: What stands for a limit that the recipe does not give: URDF asks for a number.
 NO_LIMIT = 1e6

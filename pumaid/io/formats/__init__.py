@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
+from pumaid.maths import Counts, Floats
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -52,8 +52,8 @@ class LogColumn(NamedTuple):
 class Batch(NamedTuple):
     """Consecutive rows: (N,) numbers, counted as an editor counts lines, and (C, N) values, NaN where there is none."""
 
-    rows: NDArray[np.int64]
-    values: NDArray[np.float64]
+    rows: Counts
+    values: Floats
 
 
 class LogSource(ABC):
@@ -97,7 +97,7 @@ class LogSource(ABC):
         """
 
 
-def floats(column: pa.Array) -> NDArray[np.float64]:
+def floats(column: pa.Array) -> Floats:
     """A column of float64 as (N,) numbers, NaN where it has none.
 
     Arrow's own ``to_numpy`` loads pandas, which takes longer than a million rows: so the numbers are taken as they lie

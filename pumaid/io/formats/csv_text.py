@@ -1,7 +1,5 @@
 """Text logs: CSV in any dialect, read by Arrow in blocks, so that memory does not grow with the file."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io
@@ -11,10 +9,10 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats
+from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
 _NO_NUMBER = ("", " ", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#inf")
@@ -129,7 +127,7 @@ class CsvLog(LogSource):
                 what = f"{self.name} is not a whole gzip file: {str(error).splitlines()[0][:100]}"
                 raise LogError("damaged-log", what, Where(file=self.name), "compress it again") from error
 
-    def _parsed(self, indices: Sequence[int]) -> Iterator[NDArray[np.float64]]:
+    def _parsed(self, indices: Sequence[int]) -> Iterator[Floats]:
         """(C, N) values of the columns, block by block."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import LogError, Where
 from pumaid.io.formats import Batch, LogColumn, LogSource, floats
+from pumaid.maths import Floats
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -57,7 +57,7 @@ class ParquetLog(LogSource):
             yield Batch(first + np.arange(batch.num_rows), values)
             first += batch.num_rows
 
-    def _numbers(self, column: pa.Array, name: str) -> NDArray[np.float64]:
+    def _numbers(self, column: pa.Array, name: str) -> Floats:
         import pyarrow as pa
 
         if _is_time(pa, column.type):

@@ -1,7 +1,5 @@
 """The arm: its skeleton, and the postures of a plan."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import groupby, product
 from typing import Any
@@ -10,16 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from pumaid.maths import Floats
 from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing, heading, legend, styled
 from pumaid.reporting.formatting import in_unit, letters, plural, shortened
 from pumaid.reporting.run_tables import posture_key
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan
-
-Floats = NDArray[np.float64]
 
 #: View from the front right and a little above (rad).
 AZIMUTH, ELEVATION = -0.96, 0.38

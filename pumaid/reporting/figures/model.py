@@ -1,7 +1,5 @@
 """The model: where each joint's current goes, the parameters and how well they are known, and their history."""
 
-from __future__ import annotations
-
 import textwrap
 from collections import Counter
 from itertools import cycle

@@ -1,7 +1,5 @@
 """Currents and residuals: measured and predicted, the residual by variable, its parts, and what findings explain."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
@@ -13,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from pumaid.dataset import BLOCK
 from pumaid.diagnosis.records import Curve, Diagnosis, Finding, JointDiagnosis, Unexplained
 from pumaid.estimation.evaluate import TOGETHER, Budget, RunScore
+from pumaid.maths import Floats
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures.style import (
     COLOURS,
@@ -47,8 +45,6 @@ from pumaid.reporting.text import (
     variable_name,
 )
 from pumaid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: Postures of a joint in a figure of currents; bins over position (fine enough for a ripple) and other variables.
 MOST_POSTURES, FINE, COARSE = 3, 48, 14

@@ -1,7 +1,5 @@
 """Runs found in logs, over time."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -9,9 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from pumaid.dataset import Dataset, Reject, Run
+from pumaid.maths import Floats
 from pumaid.preprocessing.options import STROKE
 from pumaid.reporting.figures.style import (
     FAINT,
@@ -28,8 +26,6 @@ from pumaid.reporting.figures.style import (
 from pumaid.reporting.formatting import in_unit, plural
 from pumaid.reporting.run_tables import by_reason, counted_runs, samples_read
 from pumaid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: Runs of the report's figure; runs in one strip of a figure, and strips.
 MOST_RUNS, RUNS_A_STRIP, MOST_STRIPS = 72, 36, 8

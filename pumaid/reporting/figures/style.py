@@ -1,7 +1,5 @@
 """How figures look, and how they become PNG, SVG, PDF or part of a page."""
 
-from __future__ import annotations
-
 import io
 import math
 import re
@@ -18,11 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
-from numpy.typing import NDArray
 
 from pumaid.dataset import Reject, Run
-
-Floats = NDArray[np.float64]
 
 #: Ink of text and axes (the page's text colour on a page); greys; Okabe and Ito's colours for the two directions.
 INK, GREY, FAINT, TINT = "#2b2f36", "#8a9099", "#c9ced6", "#f3f4f6"

@@ -1,7 +1,5 @@
 """The sections of the report: a class each, and a template of the same name; those of every report are `standard`."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The sections of every report, in the order of the page."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
