@@ -1,7 +1,5 @@
 """Runs of one joint that leave what a test says, noise like that of real motors on top."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

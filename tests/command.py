@@ -1,7 +1,5 @@
 """A command line, as a user types it."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Diagnoses written by hand, for tests of sentences, tables, figures and files: nothing in them depends on a fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Experiments repeated many times on virtual arms: do intervals hold, and is the error the least possible?"""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import groupby

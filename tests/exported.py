@@ -1,7 +1,5 @@
 """Models to export, and what pumaid itself says they draw."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

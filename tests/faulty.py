@@ -4,8 +4,6 @@ The logs are made here from formulas, without code of the package: a pendulum of
 at two speeds in three postures, all of it twice.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Mutations of good logs: what recorders, spreadsheets, cables and people do to them, by class."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Mutations of a good recipe: slips of the pen, wrong units, and YAML that means harm, by class."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Any motion of virtual arms, all joints at once, in closed loop: MuJoCo's dynamics, friction and noise of its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

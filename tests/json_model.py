@@ -1,7 +1,5 @@
 """The JSON form of an export evaluated by what its ``meaning`` says, in as plain a way as can be."""
 
-from __future__ import annotations
-
 import numpy as np
 
 STEP = 1e-5

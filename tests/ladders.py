@@ -1,7 +1,5 @@
 """Small models and ladders by hand, for tests of what keeps and shows them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Arrays are called as MATLAB indexes them, from 1: ``z(i, :)``. What this does not know it refuses.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from copy import deepcopy

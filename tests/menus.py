@@ -1,7 +1,5 @@
 """Small sets of candidate runs for tests of the planner."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -5,8 +5,6 @@ pauses, strokes of fourth order), integrated on a fine grid, then sampled, jitte
 known from the command: a sample belongs to a run where the command holds a constant speed and no ringing is above 1 %.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

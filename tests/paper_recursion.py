@@ -5,8 +5,6 @@ to Manipulators". Letters: k*, m*, l* are the paper's starred quantities, s_{i+1
 to origin i+1.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

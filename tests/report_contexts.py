@@ -1,7 +1,5 @@
 """Report contexts for tests of tables, figures and pages: a small arm, its model, and the model's errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

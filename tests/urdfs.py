@@ -1,7 +1,5 @@
 """URDF texts written by tests, and what pinocchio, an independent reader, makes of a URDF."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

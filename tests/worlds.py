@@ -4,8 +4,6 @@ Runs come from `pumaid.simulation.Bench` (which is tested against samples elsewh
 sample, from `run_of`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ fixed order that mixes all groups, so that a cut run is a fair sample of the who
 development, the published table has others.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

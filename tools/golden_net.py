@@ -8,8 +8,6 @@ estimate may differ by half a standard error, an interval's width by a tenth; st
 Without --strict only what no rounding explains counts: a crash, another state, more than a standard error.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

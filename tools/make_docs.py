@@ -6,8 +6,6 @@ below it. The README's pictures are drawn from samples too, one by a session; ot
 draw other bytes, so they are not checked.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 import re

@@ -1,7 +1,5 @@
 """Make ``sample_logs/`` again from its index: ``python tools/make_samples.py [--check]``."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import shlex

@@ -1,7 +1,5 @@
 """The weight that joints carry by their vendors' published masses: an estimate that owes nothing to any current."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

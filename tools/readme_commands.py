@@ -1,7 +1,5 @@
 """Print the README's set-up commands, one a line: what stands in the first code block of its section "Set up"."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The recordings are looked for where ``PUMAID_REAL_DATA`` points, else in ``shared/data`` beside the checkout.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

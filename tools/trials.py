@@ -9,8 +9,6 @@ Seeds were not used in development. Shares stand with Wilson's 95 % interval. Ar
 of `pumaid.simulation`, which shares no code with the model.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

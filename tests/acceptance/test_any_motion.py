@@ -4,8 +4,6 @@ Ten inertial parameters a link, by pinocchio's regressor; the base parameters of
 links first, which keeps the form: row i has no column of a link before i.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

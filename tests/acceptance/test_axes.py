@@ -1,7 +1,5 @@
 """The shipped recipes against kinematics that others published: every joint's axis, as a line in space."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

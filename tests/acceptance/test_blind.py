@@ -1,7 +1,5 @@
 """The blind benchmark: its worlds are what they claim, and a fixed small share of it comes out right."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

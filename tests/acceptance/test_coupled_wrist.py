@@ -1,7 +1,5 @@
 """A wrist whose gears couple it, from logs: what the key `coupling` covers and what the effect of that name adds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What the estimate promises, held against many simulated experiments: intervals, efficiency, exactness."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The gallery's experiments, in small: what their pages say is what their programs find."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

@@ -1,7 +1,5 @@
 """Gravity of the virtual robot and of the regressor against a rigid-body engine that knows masses and no regressors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Public recordings of real arms, through the commands: what must stay true of them whatever the program learns."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The report page in a real browser: quiet, offline, whole at any width, light and dark, on paper."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

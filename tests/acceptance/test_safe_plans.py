@@ -1,7 +1,5 @@
 """A plan made with a forbidden box, driven by the virtual robot in closed loop, keeps clear of it in every sample."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

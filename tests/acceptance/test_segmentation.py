@@ -1,7 +1,5 @@
 """The segmentation against logs whose edges are known; seeds that no threshold was chosen on."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Strokes of simulated arms in closed loop, with friction, drives and encoders that know nothing of the regressors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The paper's Table I, back from log files: virtual PUMA, segmentation, identification."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from experiments import logged

@@ -1,7 +1,5 @@
 """Recipes made from every URDF of example-robot-data, against pinocchio's own reading of the same files."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

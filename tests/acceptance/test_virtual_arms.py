@@ -1,7 +1,5 @@
 """Planned, simulated, found again: arms drawn from recipes, through logs to parameters."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

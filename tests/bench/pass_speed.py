@@ -6,8 +6,6 @@ Rows are in millions. Processes are timed from start to end, alternate, and the 
 machine does only adds. Longer logs are the same files again under other names (hard links).
 """
 
-from __future__ import annotations
-
 import argparse
 import datetime
 import os

@@ -7,8 +7,6 @@ leaves out the start of Python and the loading of modules, which `start-up` has;
 processes. A tool that does not finish a log in time is not given the longer ones.
 """
 
-from __future__ import annotations
-
 import argparse
 import datetime
 import json

@@ -1,7 +1,5 @@
 """Logs stream: memory does not grow with a file; `make bench` measures that of identify at two million rows."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

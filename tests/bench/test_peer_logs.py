@@ -1,7 +1,5 @@
 """The logs and models that the peers are given say of the arm what pumaid's own say."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command line as a user meets it: help, exit codes, pipes, start-up."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

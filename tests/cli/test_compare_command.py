@@ -1,7 +1,5 @@
 """``pumaid compare`` and ``pumaid report`` as a user types them."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

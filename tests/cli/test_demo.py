@@ -1,7 +1,5 @@
 """The demo: its story on a small arm, its honesty, and whose folders it touches; and doctor, whose check it is."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 

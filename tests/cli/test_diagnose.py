@@ -1,7 +1,5 @@
 """``pumaid diagnose`` as a user types it: what it says, writes, adds and refuses."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

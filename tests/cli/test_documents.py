@@ -1,7 +1,5 @@
 """The contract of ``--json``: one document on standard output, with kind, format, version and the inputs' digests."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

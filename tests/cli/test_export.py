@@ -1,7 +1,5 @@
 """``pumaid export`` as a user types it."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil

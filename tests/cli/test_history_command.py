@@ -1,7 +1,5 @@
 """``pumaid history``: tables, document, picture, undo, and what it says of folders that are not as they should be."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """``pumaid identify`` on a small experiment: what it prints and writes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``pumaid init`` as a user runs it."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

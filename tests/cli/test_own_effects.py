@@ -1,7 +1,5 @@
 """An effect from a user's file or package: the whole way by command line, and what is said where it is not known."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

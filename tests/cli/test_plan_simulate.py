@@ -1,7 +1,5 @@
 """``pumaid plan`` and ``pumaid simulate`` as a user runs them."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import warnings

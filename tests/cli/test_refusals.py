@@ -1,7 +1,5 @@
 """What commands refuse: wrong usage with exit code 2, bad input with 3, in words, and nothing is written or printed."""
 
-from __future__ import annotations
-
 import pytest
 from command import run
 

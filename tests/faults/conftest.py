@@ -1,7 +1,5 @@
 """The good experiment with its results, made once, and a copy of it for each test."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

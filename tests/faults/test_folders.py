@@ -1,7 +1,5 @@
 """Faults of folders, disks and names: links, rights, full disks, odd names, very many files."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Places that a user names for results by mistake: inputs are never written over, and what fails leaves no mixture."""
 
-from __future__ import annotations
-
 import pytest
 from faulty import contents, invoke, unclear
 

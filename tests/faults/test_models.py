@@ -1,7 +1,5 @@
 """Model files that are damaged, foreign or malicious: refused in one message, never run, never half believed."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """Good experiments that were broken in one place: refused in one message, flagged, or identified as the good one."""
 
-from __future__ import annotations
-
 import pytest
 from faulty import Fault, contents, invoke, outcome, slugs_of
 from faulty_logs import all_logs

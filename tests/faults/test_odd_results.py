@@ -1,7 +1,5 @@
 """Pipes and devices among the results, names that are no text, a damaged model in the way of a new one."""
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """Runs that are killed, interrupted, made side by side, or whose reader goes away; in real processes."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

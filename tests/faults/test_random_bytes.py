@@ -1,7 +1,5 @@
 """Bytes and bins changed at random: no traceback, no silent wrong number, whatever they hit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from faulty import COLUMNS, RECIPE, contents, csv, good, invoke, outcome

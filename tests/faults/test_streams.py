@@ -1,7 +1,5 @@
 """Standard streams that are closed or full, in real processes of a shell."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Tables and diagnoses as they are printed, letter by letter; records are written by hand, so no machine matters."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

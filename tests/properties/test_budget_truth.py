@@ -1,7 +1,5 @@
 """The residual budget of fitted models on a virtual arm: what is hidden lands in its part, and noise is left alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

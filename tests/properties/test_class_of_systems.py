@@ -4,8 +4,6 @@ The oracle sets up the whole bilinear system densely, all gains unknown, and loo
 at the truth; it knows neither order of rows nor clusters.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

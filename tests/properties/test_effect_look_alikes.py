@@ -1,7 +1,5 @@
 """Effects that data cannot tell apart are declared as each other's look-alikes, measured on a virtual campaign."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

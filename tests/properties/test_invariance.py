@@ -1,7 +1,5 @@
 """What must not matter: units of current and gravity, order and names, where a run was cut, how the base lies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

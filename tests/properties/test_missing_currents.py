@@ -1,7 +1,5 @@
 """Intervals of logs in which currents are missing, against the truth of many experiments."""
 
-from __future__ import annotations
-
 import json
 from math import cos, sin
 

@@ -1,7 +1,5 @@
 """Model files under attack: whatever stands in one, reading it gives an estimate or a refusal of ours, nothing else."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What must not matter in log files: the size of a current, units, order of files, cuts, single precision, names."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from itertools import pairwise

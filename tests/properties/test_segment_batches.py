@@ -1,7 +1,5 @@
 """How logs are cut into batches, windows and files changes nothing; every sample is accounted for."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
 

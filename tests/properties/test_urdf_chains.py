@@ -1,7 +1,5 @@
 """Random serial URDFs of every kind of geometry, and URDFs broken in every way."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

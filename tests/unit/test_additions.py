@@ -1,7 +1,5 @@
 """What ``--apply`` does when a refit with what was found misses the fitted runs by more than before."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """What an engineer types in a notebook."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Rows n to 1 of systems of class (1), knowing no robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """When samples were taken, judged on motions whose instants of sampling are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Collisions along paths against dense sampling with distances computed here."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

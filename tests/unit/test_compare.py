@@ -1,7 +1,5 @@
 """`compare`: exact scores, honest flags; the oracle works sample by sample."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """docs/contributing.md holds: an effect, a log format, a report section, an export are one new file each."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Covariances clustered by run, their degrees of freedom, and intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import linalg, stats

@@ -1,7 +1,5 @@
 """A finding's picture: bins, error bars and lines are what a slow loop over the cells gives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

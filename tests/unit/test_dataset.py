@@ -1,7 +1,5 @@
 """The dataset file: to the bit as it was written, refused where it is damaged or of other logs."""
 
-from __future__ import annotations
-
 import io
 import random
 from dataclasses import fields, replace

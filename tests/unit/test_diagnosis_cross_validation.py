@@ -1,7 +1,5 @@
 """Runs left out: what the Gram matrices say is what refits without those runs predict."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import block_diag

@@ -1,7 +1,5 @@
 """What the data could have shown: an effect of the limit's size is found four times in five."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Diagnosis files: the entries that interfaces fix, nothing lost on the way to disk and back, damage told."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import fields, is_dataclass, replace

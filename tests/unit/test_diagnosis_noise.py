@@ -1,7 +1,5 @@
 """Noise of bins: whitening is an inverse root of the stated covariance, and what is stated is what the bins have."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

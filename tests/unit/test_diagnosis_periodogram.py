@@ -1,7 +1,5 @@
 """All frequencies at once are what a cosine and a sine, added to the fit one after the other, would gain."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scores of candidates: what adding the column to the whole fit would gain, all else refitted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

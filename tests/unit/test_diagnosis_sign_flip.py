@@ -1,7 +1,5 @@
 """One chance for the whole catalogue: as often wrong as it says where nothing is missing, whatever the noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

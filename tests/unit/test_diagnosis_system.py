@@ -1,7 +1,5 @@
 """The whitened system: its minimum and its derivatives are those of the whole problem written out bin by bin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

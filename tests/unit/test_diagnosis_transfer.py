@@ -1,7 +1,5 @@
 """What a finding says of itself: what runs held out show of it by dense least squares, sizes that are known, rivals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What repeats between runs, and shapes without a name: the place of a bump, and the variable that it is in."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

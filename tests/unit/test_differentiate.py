@@ -1,7 +1,5 @@
 """Speed and acceleration from positions alone, against courses known in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The runs that would decide: within limits, worth what they promise, and worth more than others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

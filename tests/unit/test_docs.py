@@ -1,7 +1,5 @@
 """The documents are true: commands run as printed, slugs are explained, links lead somewhere."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

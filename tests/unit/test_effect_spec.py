@@ -1,7 +1,5 @@
 """Effects as users choose them: read, spread over joints, and refused with the nearest right word."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What every effect owes the rest of the program, over the whole catalogue."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of friction, drive and sensor against what the books say of them, worked out another way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

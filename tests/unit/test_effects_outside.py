@@ -1,7 +1,5 @@
 """Effects from outside the package: a file that is named, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How effects are shown: facts, signatures, the plot of letters, pictures and the manual's page."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

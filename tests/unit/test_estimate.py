@@ -1,7 +1,5 @@
 """Identification of arms whose truth is known, from all of their logs or the oddest parts of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """`separable`: the finest groups whose sums are known; the oracle looks at every group."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

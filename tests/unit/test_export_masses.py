@@ -1,7 +1,5 @@
 """URDF and MJCF hold masses with the model's weight: pinocchio and MuJoCo load them and feel what the model says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from xml.etree import ElementTree
 

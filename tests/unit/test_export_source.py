@@ -1,7 +1,5 @@
 """Exported source code draws what the model predicts: C by gcc, Python alone with numpy, MATLAB, JSON by hand."""
 
-from __future__ import annotations
-
 import ast
 import ctypes
 import json

@@ -1,7 +1,5 @@
 """YAML that remembers its lines."""
 
-from __future__ import annotations
-
 import pytest
 
 from pumaid.errors import nearest

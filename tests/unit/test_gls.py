@@ -1,7 +1,5 @@
 """The fit before it is put into words: rows, weights, which gain links are in, what noise is taken for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gravity's loads and their slopes against finite differences of the model's own regressor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

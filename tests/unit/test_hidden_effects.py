@@ -1,7 +1,5 @@
 """Hidden effects: laws written out by hand or found the slow way, where they act, and how they are named."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Kept models: nothing is lost, nothing is kept twice, every model knows what it was made from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

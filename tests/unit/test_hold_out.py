@@ -1,7 +1,5 @@
 """Runs kept for judging: by the plan, by whole files or whole postures, never a part of a fitted run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The house: layers, budgets, docstrings, start-up and forbidden things, read from the source itself."""
 
-from __future__ import annotations
-
 import ast
 import graphlib
 import importlib.util

@@ -1,7 +1,5 @@
 """The sheet of parameters: what is told as known, how well, and what is not told."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

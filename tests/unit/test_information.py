@@ -1,7 +1,5 @@
 """Information, criterion, bound and exchange against dense inverses, differences and enumeration."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Logs to a dataset: the same numbers however the files are shared out, whichever worker dies."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

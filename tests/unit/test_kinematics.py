@@ -1,7 +1,5 @@
 """Kinematics: link frames against products of 4 x 4 matrices, placements against pinocchio's, groups of postures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

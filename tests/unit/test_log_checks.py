@@ -1,7 +1,5 @@
 """Logs that do not mean what the recipe says are refused or flagged, good ones are not."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Arrow's columns as numbers, without pandas."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

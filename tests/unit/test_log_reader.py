@@ -1,7 +1,5 @@
 """Logs in, logs out: whatever the dialect, the cut of the batches and the faults of the recorder."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import hashlib

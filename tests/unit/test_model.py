@@ -1,7 +1,5 @@
 """The model's names, and its equations against regressors of every sample."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

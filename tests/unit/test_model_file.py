@@ -1,7 +1,5 @@
 """Model files: nothing is lost on the way to disk and back, and a damaged file says what is wrong with it."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import MISSING, fields, replace

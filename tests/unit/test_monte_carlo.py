@@ -1,7 +1,5 @@
 """Runs without logs are the runs that logs would leave."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Cells of any motion: current and columns pass one filter, so least squares returns what made the torques."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from test_rigid_body import engine, torques

@@ -1,7 +1,5 @@
 """A virtual arm in MuJoCo against the masses' own gravity, the mass matrix and friction worked out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Variances of noise and of runs' levels, against dense likelihoods and many draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import optimize

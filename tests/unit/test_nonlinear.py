@@ -1,7 +1,5 @@
 """Runs from rest to rest among runs at constant speed: what they have beyond noise leads no fit of an effect astray."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which files a user means, on disk and, by a path with a scheme, in a store."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Plans: what they show, how they keep to limits and time, what they refuse; what is said of a given plan."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Plans on disk: what is written is read back, what is wrong is told with line and path."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Runs that are planned for an effect: do they show it by what they promise, and is what cannot be shown refused?"""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """What is assumed of an arm: payloads against masses, earlier models at their word."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

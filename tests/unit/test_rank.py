@@ -1,7 +1,5 @@
 """Least squares that says what it does not know."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Sentences: why a parameter is open, and the run that would close it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from worlds import CRANE, STANFORD, course, run_of

@@ -1,7 +1,5 @@
 """Reading a recipe: what becomes of it, and what is said of each way to get it wrong."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re

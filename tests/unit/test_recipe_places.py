@@ -1,7 +1,5 @@
 """Where a recipe is looked for, and what is said when it is not there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

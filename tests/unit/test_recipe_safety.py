@@ -1,7 +1,5 @@
 """The block `safety` of a recipe: what becomes of it, and each way to get it wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

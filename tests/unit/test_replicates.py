@@ -1,7 +1,5 @@
 """Which runs repeat one another, and the noise floor that they show."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures: each can be drawn in every form, and shows what it says."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The report: one file, nothing from outside, each section found, names escaped."""
 
-from __future__ import annotations
-
 import io
 import re
 from dataclasses import replace

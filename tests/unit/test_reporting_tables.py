@@ -1,7 +1,5 @@
 """Tables: what they claim, and their text, Markdown, LaTeX and HTML."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import diagnoses

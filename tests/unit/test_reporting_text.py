@@ -1,7 +1,5 @@
 """Sentences: what is claimed, of which joint, how surely, in which unit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import budgets

@@ -1,7 +1,5 @@
 """The residual budget on runs whose contents are known: parts, shares, what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import budgets

@@ -1,7 +1,5 @@
 """The rigid-body regressor against pinocchio, which knows no columns; base parameters by rank."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Programs of a plan: executed by small interpreters written here, and held against the plan."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

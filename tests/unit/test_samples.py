@@ -1,7 +1,5 @@
 """The shipped samples are what their index says."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The `log` block that is proposed for a foreign header."""
 
-from __future__ import annotations
-
 import pytest
 from ruamel.yaml import YAML
 

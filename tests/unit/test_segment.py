@@ -1,7 +1,5 @@
 """The one pass: what it keeps of a run, and what it does with what it cannot use."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a virtual robot's log holds, sample by sample."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A simulated session on disk: what it replaces, what it refuses to replace."""
 
-from __future__ import annotations
-
 from itertools import islice
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Strokes through one filter: corners that smoothing blunts and noise in positions bias nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

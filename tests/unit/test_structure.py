@@ -4,8 +4,6 @@ The rules speak of axes that are parallel or perpendicular to gravity or to each
 looked up here in random postures by plain products of rotations, since special twists align axes by accident.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Columns that the user suspects reach the bins in the one pass, and change nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The truth as a document: all of it comes back, and its parameters are what currents show."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

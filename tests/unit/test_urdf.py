@@ -1,7 +1,5 @@
 """URDF files: what is read, what is refused, and which joints are the arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

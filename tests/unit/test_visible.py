@@ -1,7 +1,5 @@
 """Names that look like something else to a terminal, to rich or to matplotlib are shown as they are."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

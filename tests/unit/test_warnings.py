@@ -1,7 +1,5 @@
 """Notes on models that do not fit: which joint, which file, and silence where they do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files are written atomically, and folders can be locked."""
 
-from __future__ import annotations
-
 import errno
 import os
 import threading

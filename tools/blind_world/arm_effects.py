@@ -1,7 +1,5 @@
 """Hidden effects of weight, drive, sensor and motion: MuJoCo computes gravity anew under the changed condition."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Arms drawn by seed: modified Denavit-Hartenberg chains with masses, gears and motors, as MuJoCo models."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

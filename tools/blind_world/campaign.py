@@ -1,7 +1,5 @@
 """What an arm is told to do: postures, speeds, order, ramps and pauses, drawn by seed, and the reference in time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One experiment of the benchmark: what is hidden, in which arm, how large; drawn by its own key and seed."""
 
-from __future__ import annotations
-
 import itertools
 import zlib
 from collections import Counter

@@ -1,7 +1,5 @@
 """Hidden effects of friction and of what pushes with position: laws of our own, drawn by seed."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Torques by MuJoCo: inverse dynamics, gravity under changed conditions, and gravity as linear in the links' masses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

@@ -1,7 +1,5 @@
 """What a hidden effect is: how it changes an experiment at a given amplitude, and how large it may physically be."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """An experiment's folder as a user has it: recipe.yaml, plan.yaml and logs, written as plain text and Parquet."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arm's true motion: a stiff PD loop with an imperfect feedforward, simulated by MuJoCo and kept on disk."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import tempfile

@@ -13,8 +13,6 @@ viscous friction of both directions of every joint. A signature f (A) with d fre
 and is at its detection limit where a test of d degrees of freedom at the level 0.05 / TESTS rejects with 80 % power.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

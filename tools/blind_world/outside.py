@@ -1,7 +1,5 @@
 """Hidden physics that no catalogue has: what a diagnosis must call unexplained, or explain to the noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of a run of the blind benchmark, as Markdown."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """One experiment's physics: the arm's motion, its motors' friction and noise, and what a log would hold."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """aurt's symbolic model of an arm: `compile-rbd` and `compile-rd`, once for every arm."""
 
-from __future__ import annotations
-
 import os
 
 from stopwatch import Stopwatch

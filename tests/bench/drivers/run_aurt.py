@@ -1,7 +1,5 @@
 """`aurt calibrate` on a log, by the function that the command calls, with the model that compile_aurt.py left."""
 
-from __future__ import annotations
-
 import os
 import pickle
 

@@ -3,8 +3,6 @@
 Least squares for the base parameters of the rigid bodies, friction, rotors' inertia and joint offsets.
 """
 
-from __future__ import annotations
-
 from stopwatch import Stopwatch
 
 watch = Stopwatch()

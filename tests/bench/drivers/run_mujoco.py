@@ -5,8 +5,6 @@ alone drifts away from any longer log. Fit are what gravity and friction need (c
 friction) and the rotors' inertia, without which no rollout follows; masses and tensors stay as the model has them.
 """
 
-from __future__ import annotations
-
 from stopwatch import Stopwatch
 
 watch = Stopwatch()

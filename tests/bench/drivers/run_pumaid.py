@@ -1,7 +1,5 @@
 """`pumaid identify` on a CSV log. Run twice: what the first run loads, the second loads before its clock starts."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import shutil

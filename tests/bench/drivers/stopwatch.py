@@ -3,8 +3,6 @@
 A driver runs in the environment of its tool: this module needs numpy alone. A folder holds what it reads and writes.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys
