@@ -40,6 +40,7 @@ class Experiment:
     results: Path | None = None  # else the folder ``results`` beside the recipe
     heldout: tuple[str, ...] = ()  # logs whose runs are kept for judging, or ``posture``: each joint's last one
     trust: bool = False  # logs are taken that cannot mean what the recipe says; the refusals become notes
+    cell: float | None = None  # s that a cell of a block of any motion lasts; else as the encoder needs
     jobs: int = 0  # processes at most; 0: one a core
     dask: str = ""  # a Dask cluster's scheduler, or ``local``
     is_kept: bool = True  # the dataset is written for whoever reads these logs next
@@ -109,18 +110,17 @@ class Experiment:
         from pumaid.preprocessing.hold_out import hold_out, match_with_plan
         from pumaid.preprocessing.options import DEFAULTS
 
+        chosen = replace(options or DEFAULTS, cell=self.cell)
         paths = expand(self.logs)
         plan = find_plan([self.folder])
-        made_from = dataset_inputs(
-            self.robot, plan, options=repr(options or DEFAULTS), trust=self.trust, columns=list(extra)
-        )
+        made_from = dataset_inputs(self.robot, plan, options=repr(chosen), trust=self.trust, columns=list(extra))
         sizes = [path.stat().st_size for path in paths if isinstance(path, Path) and path.is_file()]
         file = self.results_folder / DATASET if len(sizes) == len(paths) else None
         dataset = read_dataset(file, paths, made_from, tell=self.tell) if file else None
         if dataset is None:
             from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
 
-            words: dict[str, Any] = {"extra": extra, "options": options or DEFAULTS, "trust": self.trust}
+            words: dict[str, Any] = {"extra": extra, "options": chosen, "trust": self.trust}
             with dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs) as executor:
                 words |= {"executor": executor, "progress": lambda done: self.progress(done, len(paths))}
                 dataset = ingest(paths, self.robot, **words)

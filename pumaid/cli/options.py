@@ -108,6 +108,12 @@ heldout_option = click.option(
     help="Logs kept for judging, or each joint's last posture; repeatable.",
 )
 trust_option = click.option("--trust", is_flag=True, help="Take logs that look wrong: refusals become notes.")
+cell_option = click.option(
+    "--cell",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="S",
+    help="Length of a cell of any motion, s. [default: by the encoder]",
+)
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=0), default=0, metavar="N", help="Processes that read logs; 0: one a core."
 )
@@ -153,12 +159,12 @@ def experiment_options(*, has_heldout: bool = True, has_results: bool = True) ->
             from pumaid.cli.output import counted, remark
             from pumaid.experiment import Experiment
 
-            names = {"logs", "recipe", "heldout", "results", "trust", "jobs", "dask"} & set(values)
+            names = {"logs", "recipe", "heldout", "results", "trust", "cell", "jobs", "dask"} & set(values)
             asked = {name: values.pop(name) for name in names}
             return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
 
         choices = [results_option] * has_results + [heldout_option] * has_heldout
-        return together(run, recipe_option, *choices, trust_option, jobs_option, dask_option)  # type: ignore[return-value]
+        return together(run, recipe_option, *choices, trust_option, cell_option, jobs_option, dask_option)  # type: ignore[return-value]
 
     return decorate
 

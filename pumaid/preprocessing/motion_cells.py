@@ -121,13 +121,18 @@ def _summed(weighted: Floats) -> Floats:
     return np.sum([weighted[:, k : k + count, k] for k in range(ROUNDS)], axis=0)
 
 
-def block_runs(stretch: Stretch, piece: Piece, body: RigidBody, *, clock: int) -> list[Run]:
-    """A piece of any motion as blocks, each a run of every joint that moves and draws current in it."""
+def block_runs(
+    stretch: Stretch, piece: Piece, body: RigidBody, *, clock: int, length: float | None = None
+) -> list[Run]:
+    """A piece of any motion as blocks, each a run of every joint that moves and draws current in it.
+
+    `length` (s) is that of a cell, where not as the encoder needs.
+    """
     part = slice(piece.start, piece.stop)
     log, time = stretch.log.part(part), stretch.time[part]
     current = np.where(np.nan_to_num(log.current).any(axis=0), log.current, np.nan)
     noise = np.array([position_noise(column) for column in log.position.T])
-    length = cell_length(time, log.position, noise)
+    length = length or cell_length(time, log.position, noise)
     table = cells(time, log.position, current, body=body, length=length)
     if table is None:
         return []

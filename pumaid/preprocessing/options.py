@@ -31,6 +31,7 @@ class SegmentOptions:
     held_drift: float = 0.02  # rad or m of a held joint during a run; 0.02 rad change a gravity load by 2 % at most
     rest_speed: float = 0.003  # rad/s or m/s, below which a joint is at rest
     low_speed_share: float = 0.05  # of its peak speed, below which a stroke's friction is not yet sliding
+    cell: float | None = None  # s that a cell of a block lasts; None: as the encoder needs
     max_bins: int = 512  # of a run; of more than two turns, half as many for each turn
     reject_bins: int = 64  # of a stretch that is left out
     window: int = 131_072  # samples held in memory at a time; a longer movement is cut
@@ -41,7 +42,7 @@ class SegmentOptions:
             if name == "kinds":
                 kinds = (CONSTANT, STROKE, BLOCK, BOTH)
                 wanted = "" if value in kinds else f"one of {', '.join(kinds)}"
-            elif not value > 0 or (is_share and value >= 1):
+            elif value is not None and (not value > 0 or (is_share and value >= 1)):
                 wanted = "a share, above 0 and below 1" if is_share else "above 0"
             elif name == "window" and value < MIN_WINDOW:
                 wanted = f"at least {MIN_WINDOW} samples"

@@ -138,7 +138,9 @@ class _Segmenter:
             low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
             clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
             for piece in (piece for piece in clipped if piece.stop > piece.start):
-                blocks = block_runs(stretch, piece, self._body, clock=self._clock) if piece.label == BLOCK else []
+                blocks = []
+                if piece.label == BLOCK:
+                    blocks = block_runs(stretch, piece, self._body, clock=self._clock, length=self._options.cell)
                 self.runs += blocks
                 if blocks:
                     continue

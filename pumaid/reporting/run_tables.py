@@ -67,6 +67,9 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     head = ("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)")
     notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
     caption = "A stroke's speed is its mean speed."
+    if blocks:
+        cells = [float(np.median(np.diff(run.bins.time))) for parts in blocks.values() for run in parts]
+        caption += f" Cells of blocks last {number(1e3 * min(cells), 3)} to {number(1e3 * max(cells), 3)} ms."
     title = f"{robot.name}: {counted_runs(dataset.runs)}"
     table = Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
     is_mixed = any(run.kind != CONSTANT for run in dataset.runs)

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from test_rigid_body import engine, torques
 
+from pumaid.dataset import Log
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.motion_cells import LONGEST, SHORTEST, cell_length, cells
+from pumaid.preprocessing.options import SegmentOptions
+from pumaid.preprocessing.segment import segment
 from pumaid.rigid_body import base_parameters
 
 SECONDS, RATE = 30.0, 250.0
@@ -69,3 +72,14 @@ def test_coarse_encoders_get_longer_cells(counts, low, high):
     exact = cells(t, q.T, np.ones_like(read.T), body=base_parameters(robot), length=length)
     noise = np.std(table.acceleration - exact.acceleration) / np.std(curve)
     assert noise < 0.01
+
+
+def test_cells_last_as_long_as_asked():
+    """What the user asks for overrules what the encoder needs."""
+    t, (q, *_) = motion(np.random.default_rng(5), 2)
+    log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    for cell, wanted in ((None, SHORTEST), (0.06, 0.06)):
+        runs = segment([log], robot, options=SegmentOptions(cell=cell)).runs
+        assert {run.kind for run in runs} == {"block"}
+        assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(wanted, rel=1e-9)
