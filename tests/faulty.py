@@ -32,9 +32,6 @@ OWN, OUTER, RATIO = 3.5, 0.9, 0.8
 COLUMNS = ("t", "q1", "q2", "qd1", "qd2", "i1", "i2")
 RECIPE = shipped_recipes()["pendulum2"].read_text(encoding="utf-8")
 
-#: error[slug]: what, then a place and a mend; a mend may go on over indented or pasted lines.
-REFUSAL = re.compile(r"error\[([a-z-]+)\]: \S.*(?:\n  at: .*)?\n  fix: \S.*")
-
 
 @dataclass(frozen=True)
 class Fault:

@@ -99,13 +99,6 @@ def truth_in_units(truth: Truth, moving: Sequence[int]) -> dict[str, float]:
     return values | {f"gain_ratio.{i}.{j}": gain[i - 1] / gain[j - 1] for i in range(1, n) for j in range(i + 1, n + 1)}
 
 
-def true_current(truth: Truth, run: Run) -> np.ndarray:
-    """(M,) A of the run's moving joint at its bins' mean positions, without noise."""
-    own = run.joint - 1
-    weight = truth.gravity_current(run.bins.position)[:, own]
-    return weight + truth.friction.current(run.joint, np.full(len(run.bins), run.speed))
-
-
 def fit_runs(robot: Robot, runs: Sequence[Run], **more: bool) -> Fit:
     """The base model fitted to all bins of some runs."""
     return fit_bins(Model.of_runs(robot, runs), joint_bins(robot, runs, is_settled=False), **more)

@@ -1,6 +1,5 @@
 """Gravity of the virtual robot and of the regressor against a rigid-body engine that knows masses and no regressors."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -8,10 +7,8 @@ import pytest
 from paper_recursion import gravity_current
 from urdfs import gravity_columns
 
-from pumaid.effects.gravity import Gravity
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Samples
 from pumaid.simulation.virtual_robot import Links, constants, gravity_load
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
@@ -109,20 +106,3 @@ def test_random_arms_lie_in_the_span(special: bool) -> None:
     arms = [random_arm(kinds, rng, special=special) for kinds in STRINGS if "R" in kinds or not special]
     worst = {arm.name: miss(arm, arm, rng) for arm in arms}
     assert max(worst.values()) < EXACT, max(worst, key=worst.__getitem__)
-
-
-def test_constants_of_the_last_link_are_its_first_moment() -> None:
-    """k_x and k_y of the last link are mass times centre of mass, sign included: the current that holds is positive."""
-    rng = np.random.default_rng(23)
-    robot = read_recipe(shipped_recipes()["puma560"])
-    links, position = random_links(robot, rng), postures(robot, rng)
-    row = Gravity().columns(robot, Samples(6, position, np.zeros_like(position)))
-    wanted = holding(robot, links, position)[:, 5]
-    assert np.allclose(row @ (links.mass[5] * links.centre[5, :2]), wanted, atol=1e-12)
-
-
-def test_a_wrong_twist_leaves_the_span() -> None:
-    """The engine can say no: an arm whose second twist is 5 degrees off is not in the span."""
-    robot = read_recipe(shipped_recipes()["puma560"])
-    bent = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], alpha=np.deg2rad(-85)), *robot.joints[2:]))
-    assert miss(robot, bent, np.random.default_rng(29)) > 1e-3

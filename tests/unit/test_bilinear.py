@@ -52,38 +52,6 @@ def test_a_load_that_looks_like_the_rows_own_is_named():
     assert found.values == pytest.approx([7.0, 4.0, 3.0])
 
 
-def test_rounding_of_a_load_is_no_column():
-    """A nu that cancels but for rounding does not enter the row."""
-    b = RNG.normal(size=(30, 1))
-    found = Recursion(np.array([0, 1, 1]), 2)
-    found.values[1:] = [0.1, 0.3]
-    _, _, roots = found.design(0, np.hstack([b, 3.0 * b, -b]))
-    assert roots == []
-
-
-def test_prior_keeps_an_unseen_ratio_at_its_usual_value():
-    """With a spread a nu that cannot be told joins with ratio one, and own columns predict the row together with it."""
-    own, other = RNG.normal(size=(20, 1)), RNG.normal(size=(20, 1))
-    rows, target = np.hstack([own, 2.0 * own]), 7.0 * own[:, 0]
-    found = Recursion(np.array([0, 1]), 2)
-    found.take(1, np.hstack([0.0 * own, other]), 3.0 * other[:, 0], limit=np.ones(2), spread=10.0)
-    # A ratio ten larger takes sixty limits from the own column: the prior says nothing of either.
-    found.take(0, rows, target, limit=np.ones(2), spread=10.0)
-    assert found.redundant == [(0, 1)] and found.gains.ratio(0, 1) == 1.0
-    assert found.values[0] == pytest.approx(1.0)
-
-
-def test_ratios_over_two_branches():
-    """The ratio of two rows below a common one is the quotient of their edges; a column acts along its branch only."""
-    gains = Gains(4)
-    for upper, lower, ratio in ((1, 3, 5.0), (0, 1, 2.0), (0, 2, 4.0)):
-        gains.merge(upper, lower, ratio)
-    ratios = [gains.ratio(*pair) for pair in ((1, 2), (2, 1), (3, 2), (0, 3))]
-    assert ratios == pytest.approx([2.0, 0.5, 0.4, 10.0])
-    wanted = [[1.0, 2.0, 4.0, 10.0], [0.0, 1.0, np.nan, 5.0], [0.0, 0.0, 1.0, np.nan], [0.0, 0.0, 0.0, 1.0]]
-    assert np.array_equal(gains.scales(), wanted, equal_nan=True)
-
-
 ARM, DESIGN = 21, 910_000
 
 

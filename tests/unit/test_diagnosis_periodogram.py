@@ -77,18 +77,6 @@ def test_scores_are_those_of_dense_waves(amplitude):
         assert abs(complex(*expected) - complex(total.real, total.imag)) < 0.03 * (size + abs(total)) + 0.05 * size
 
 
-def test_scores_of_strokes_are_products_with_the_waves():
-    """Run by run, within 3 % of the largest; information is half the square of both whitened waves, within 3 %."""
-    row = along("stroke", 12)
-    found = waves_of(row)
-    for place in range(10, len(found.frequency), 40):
-        angle = found.frequency[place] * row.bins.samples.position[:, 0]
-        wave = row.noise.whiten(row.bins, np.column_stack([np.cos(angle), np.sin(angle)]))
-        direct = row.bins.sums(wave * row.residual[:, None]) @ [1.0, 1.0j]
-        assert np.abs(found.scores[:, place] - direct).max() < 0.03 * np.abs(found.scores).max()
-        assert found.information[place] == pytest.approx(0.5 * np.sum(wave**2), rel=0.03)
-
-
 def test_statistics_are_the_fall_of_the_square():
     """At the eight highest, within 6 % (the ends of runs and what the base model absorbs are left out)."""
     row = solved_row(lab(0.02), lab(0.02).noisy(2))
@@ -96,13 +84,6 @@ def test_statistics_are_the_fall_of_the_square():
     statistic = found.statistic()
     for place in np.argsort(-statistic)[:8]:
         assert statistic[place] == pytest.approx(dense(row, float(found.frequency[place]))[1], rel=0.06, abs=0.3)
-
-
-def test_the_peak_is_at_the_ripple():
-    """Within a third of a step, though its amplitude is that of the noise of a bin."""
-    found = waves_of(solved_row(lab(0.01), lab(0.01).noisy(2)))
-    assert abs(found.peak() - 40.0) <= 0.33 * (found.frequency[1] - found.frequency[0])
-    assert found.statistic().max() > 100.0
 
 
 @pytest.mark.parametrize("kind", ["constant", "stroke"])
@@ -117,31 +98,11 @@ def test_a_wave_is_found_where_it_is(kind, runs):
     assert np.quantile(found.highest(flips), 0.95) < 0.6 * found.statistic()[top]
 
 
-def test_runs_in_places_far_apart_are_one_course():
-    """Runs of 3 rad at 0 and at 20 rad: found to a tenth of what the whole way resolves, at its full size."""
-    found = waves_of(along("constant", 12, apart=20.0))
-    top = int(np.argmax(found.statistic()))
-    assert found.frequency[top] == pytest.approx(WAVE, abs=0.2 * np.pi / 23.0 + 0.5 * np.diff(found.frequency[:2])[0])
-    assert np.abs(found.scores.sum(axis=0)[top]) / found.information[top] == pytest.approx(0.05, rel=0.15)
-
-
 def test_beside_a_wave_that_is_known_there_is_no_other():
     """The highest of what is left lies two resolutions of a run away from it at least."""
     found = waves_of(along("stroke", 12), without=[WAVE])
     top = found.frequency[int(np.argmax(found.statistic()))]
     assert abs(top - WAVE) >= 2.0 * 2.0 * np.pi / 3.0
-
-
-def test_frequencies_go_from_three_periods_to_two_bins_a_period():
-    """Closer than two fifths of a resolution, so that no peak falls between; four bins a run show none."""
-    row = solved_row(lab(), lab().noisy(2))
-    found, way = waves_of(row), np.ptp(row.bins.samples.position[:, 0])
-    width = way / (np.median(row.bins.lengths) - 1)
-    assert found.frequency[0] == pytest.approx(3.0 * 2.0 * np.pi / way, rel=0.2)
-    assert 0.85 * np.pi / width < found.frequency[-1] < np.pi / width
-    assert np.diff(found.frequency).max() <= 2.0 * np.pi / way / 2.5 * 1.001
-    coarse = Lab.of(LEVER, design(LEVER, speeds=(1.0,)), bins=4)
-    assert waves_of(coarse.fitted(coarse.noisy(0)).row(1)) is None
 
 
 def test_in_noise_each_frequency_is_chi_square_of_two():

@@ -1,7 +1,5 @@
 """Scores of candidates: what adding the column to the whole fit would gain, all else refitted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -10,15 +8,7 @@ from searches import LEVER, Lab, design, left, lever, pendulum, roots
 from worlds import PENDULUM
 
 from pumaid.diagnosis.candidates import candidates, minus_log10_p
-from pumaid.diagnosis.score_test import (
-    ScoreTest,
-    refine_shape,
-    score_at,
-    score_candidates,
-    score_of,
-    scores_at,
-)
-from pumaid.diagnosis.stepwise import misfit_with
+from pumaid.diagnosis.score_test import ScoreTest, refine_shape, score_at, score_candidates, score_of, scores_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation.fit import Fit, Projector
@@ -109,25 +99,6 @@ def test_what_the_model_has_is_not_tried_again():
     assert (("position_friction", 1) in keys) == catalogue()["position_friction"].is_repeatable
 
 
-@pytest.mark.parametrize("lab", [lever, pendulum])
-def test_a_mirrored_effect_is_not_added(lab):
-    """Friction that rises where Stribeck's falls gains nothing; the same experiment with its current mirrored does."""
-    solved = solved_of(lab())
-    row = solved.joints[0]
-    added = EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
-    column = row.noise.whiten(row.bins, added.linear(solved.model.robot, row.bins.samples))[:, 0]
-    side = float(solved.signs(added)[0])
-    found = []
-    for sign in (side, -side):
-        pushed = replace(solved)
-        moved = replace(row, residual=row.residual + 3.0 * sign * column)
-        pushed.__dict__["by_bin"] = solved.by_bin | {row.bins.joint: moved}
-        found.append(score_at(Projector(pushed), added))
-    assert abs(side) == 1.0
-    assert found[0].statistic > 100.0 and found[0].sizes[0] * side > 0.0
-    assert found[1].statistic == 0.0 and found[1].sizes[0] == 0.0
-
-
 def test_of_two_signed_parameters_the_wrong_one_is_held_at_zero():
     """Where one is wrong the gain is that of least squares with bounds, whatever the two share."""
     rng, checked = np.random.default_rng(5), 0
@@ -161,28 +132,6 @@ def test_surprise_is_the_tail_of_chi_square(freedoms):
     constant = {1: np.log(np.pi) / 2.0, 2: 0.0, 3: np.log(np.pi) / 2.0 - np.log(2.0)}[freedoms]
     expected = (shape + constant) / np.log(10.0)
     assert float(minus_log10_p(far, freedoms)) == pytest.approx(expected, rel=1e-6)
-
-
-def test_leverage_restores_the_spread_of_fitted_scores():
-    """Scores of runs that were fitted are too small by the share of the runs that parameters use up, on average."""
-    solved = solved_of(lever())
-    found = score_candidates(solved, candidates(solved, [catalogue()["spring"]]))
-    assert np.all((found.leverage >= 1.0) & (found.leverage <= 2.0))
-    used = np.trace(solved.row(1).jacobian @ solved.inverse @ solved.row(1).jacobian.T)
-    np.testing.assert_allclose(found.leverage, 1.0 / np.sqrt(1.0 - used / 32.0))
-
-
-def test_misfit_with_an_effect_is_that_of_the_refit():
-    """What is left in A, bin by bin, against a dense weighted refit."""
-    solved = solved_of(Lab.of(LEVER, design(LEVER), HIDDEN))
-    trial = score_at(Projector(solved), EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0}))
-    base, columns, target = stacked(solved, trial.added)
-    move = np.linalg.pinv(np.column_stack([base, columns])) @ target
-    row = solved.row(1)
-    plain = np.column_stack(
-        [row.bare @ np.eye(row.total)[row.acting], trial.added.linear(solved.model.robot, row.bins.samples)]
-    )
-    np.testing.assert_allclose(misfit_with(solved, trial)[1], row.misfit - plain @ move, atol=1e-7)
 
 
 def best(solved: Fit, name: str) -> tuple[ScoreTest, ScoreTest]:

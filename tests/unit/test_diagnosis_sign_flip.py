@@ -111,28 +111,3 @@ def test_flips_are_what_a_loop_over_flips_gives():
         assert fast.handicaps[key] == pytest.approx(float(np.quantile(values, 0.98)), rel=1e-6)
     largest = np.max([values - np.quantile(values, 0.98) for values in best.values()], axis=0)
     np.testing.assert_allclose(fast.largest, np.sort(largest), atol=1e-8)
-
-
-def test_p_value_and_threshold_are_two_sides_of_one_coin():
-    """What lies a little beyond the threshold has a chance below the level, what lies below it one above."""
-    found = clean(lever(), "normal", 0)
-    chance = sign_flips(found)
-    for key in chance.handicaps:
-        needed = chance.threshold(key, 0.05)
-        assert chance.p_value(key, needed + 1e-6) <= 0.05 + 1e-3 < 0.06
-        assert chance.p_value(key, needed - 0.05) >= 0.05
-    assert chance.p_value(key, 1e9) == pytest.approx(1.0 / (1 + len(chance.largest)))
-
-
-def test_strong_effects_keep_numbers_finite():
-    """An effect a hundred times the noise: no infinity or gap among the flips, its chance the smallest there is."""
-    lab = pendulum()
-    solved = lab.fitted(lab.noisy(0))
-    row = solved.row(2)
-    column = row.bins.samples.direction * row.bins.samples.time
-    strong = replace(solved)
-    strong.__dict__["by_bin"] = {1: solved.row(1), 2: replace(row, residual=row.noise.whiten(row.bins, 0.1 * column))}
-    found = score_candidates(strong, candidates(solved))
-    chance = sign_flips(found)
-    assert np.all(np.isfinite(chance.largest)) and np.all(np.isfinite(list(chance.handicaps.values())))
-    assert seen(found, chance) == pytest.approx(1e-3)

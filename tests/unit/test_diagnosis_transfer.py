@@ -8,7 +8,6 @@ import pytest
 from searches import LEVER, Din, Lab, design, lever
 
 from pumaid.dataset import Dataset
-from pumaid.diagnosis import stepwise
 from pumaid.diagnosis.diagnose import diagnose, sizes
 from pumaid.diagnosis.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
 from pumaid.diagnosis.score_test import confirmed_share
@@ -94,13 +93,6 @@ def test_a_denied_effect_is_not_to_be_added_and_the_joint_is_unexplained():
     (spring,) = (one for one in joint.candidates if one.effect == "spring")
     assert spring.verdict == DOUBTFUL and "runs that were held out" in spring.reason
     assert found.findings or joint.verdict == UNEXPLAINED_JOINT
-
-
-def test_where_too_much_was_denied_a_finding_is_doubtful(monkeypatch):
-    """The search ends some time; what it then holds against runs held out is not to be added either."""
-    monkeypatch.setattr(stepwise, "MOST_DENIED", 0)
-    (first, *_) = diagnosis().findings
-    assert first.transfer is not None and first.transfer.is_denied and first.verdict == DOUBTFUL
 
 
 def found(hidden: Hidden):

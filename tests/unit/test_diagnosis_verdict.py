@@ -7,7 +7,7 @@ from searches import LEVER, Din, Lab, design, left, lever, pendulum, roots, with
 
 from pumaid.diagnosis.score_test import ReplicateTest, replicate_test
 from pumaid.diagnosis.stepwise import evidence
-from pumaid.diagnosis.verdict import FORMS, forms, free_form_scores, hats, joint_verdict, knot_values, variable
+from pumaid.diagnosis.verdict import FORMS, forms, free_form_scores, joint_verdict, knot_values, variable
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins
@@ -81,25 +81,6 @@ def test_what_changes_in_time_does_not_repeat():
     warm = 0.05 * field.samples.direction * np.exp(-field.samples.time / (0.2 * field.samples.time.max()))
     plain, moved = (shared(field, DIN.draw(np.random.default_rng(1), field.lengths) + c) for c in (0.0, warm))
     assert moved.floor > 1.2 * plain.floor
-
-
-def test_too_few_pairs_say_nothing():
-    """Of three pairs every flip that matters comes up one time in eight."""
-    lab = Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.5,), repeats=3))
-    field = lab.bins()[0]
-    assert len(field.pairs) == 4 and replicate_test(field, np.ones(len(field)), np.ones(len(field))) is not None
-    short = lab.bins(lab.runs[:4])[0]
-    assert len(short.pairs) < 4 and replicate_test(short, np.ones(len(short)), np.ones(len(short))) is None
-
-
-def test_hats_add_up_to_one():
-    """Between uneven knots and beyond them, where the last counts whole; with values at knots they interpolate."""
-    knots, values, x = np.array([0.0, 0.3, 1.0, 1.1]), np.array([1.0, -2.0, 0.5, 3.0]), np.linspace(-0.5, 1.6, 400)
-    found = hats(x, knots)
-    np.testing.assert_allclose(found @ values, np.interp(x, knots, values), atol=1e-12)
-    np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-12)
-    assert np.all((found >= 0.0) & (np.count_nonzero(found, axis=1) <= 2)[:, None])
-    np.testing.assert_allclose(hats(knots, knots), np.eye(4), atol=1e-12)
 
 
 def hiding(lab: Lab, current, seed: int = 1) -> Fit:

@@ -31,10 +31,7 @@ def refusal(*, add=(), remove=(), robot=PUMA) -> ModelError:
         ("stribeck", EffectChoice("stribeck", None)),
         ("stribeck@all", EffectChoice("stribeck", None)),
         ("tilt", EffectChoice("tilt", None)),
-        (
-            "stribeck@3:velocity=0.12, exponent=1",
-            EffectChoice("stribeck", 3, {"velocity": 0.12, "exponent": 1.0}),
-        ),
+        ("stribeck@3:velocity=0.12, exponent=1", EffectChoice("stribeck", 3, {"velocity": 0.12, "exponent": 1.0})),
     ],
 )
 def test_a_choice_is_read_as_it_is_written(text, wanted):

@@ -34,20 +34,6 @@ def current(name: str, samples: Samples, size=1.0, **shape: float) -> np.ndarray
     return columns @ np.broadcast_to(size, columns.shape[1])
 
 
-def test_stribeck_falls_to_an_e_th():
-    """At rest all of it, at v_s a share 1/e, whatever the exponent; far above nothing."""
-    for d in (0.5, 1.0, 2.0):
-        found = [current("stribeck", seen(speed=v), velocity=0.2, exponent=d)[0] for v in (0.0, 0.2, 1000.0)]
-        assert found == pytest.approx([1.0, np.exp(-1.0), 0.0], abs=1e-12)
-
-
-@pytest.mark.parametrize("p", [0.3, 1.7])
-def test_a_power_law_is_straight_in_logarithms(p):
-    """Ten times the speed is 10^p times the current, and the parameter is the current at unit speed."""
-    slow, fast, unit = (current("viscous_power", seen(speed=v), exponent=p)[0] for v in (0.05, 0.5, 1.0))
-    assert np.log10(fast / slow) == pytest.approx(p) and unit == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("own", [2.0, -2.0])
 def test_load_friction_is_a_gears_efficiency(own, way):
@@ -72,32 +58,11 @@ def test_presliding_is_dahls():
     assert np.allclose(shown, force[at], atol=1e-3 * coulomb)  # Euler's steps of 1e-5 rad
 
 
-def test_time_constants():
-    """After one T friction is down to 1/e of what it was at the start, and a drift has 1/e of its way still to go."""
-    friction = [current("warmup", seen(time=t), time_constant=300.0)[0] for t in (0.0, 300.0)]
-    drift = [current("torque_constant_drift", seen(time=t, drawn=1.0), time_constant=300.0)[0] for t in (0.0, 300.0)]
-    assert friction == pytest.approx([1.0, np.exp(-1.0)]) and drift == pytest.approx([0.0, 1.0 - np.exp(-1.0)])
-
-
 def test_temperature_that_is_missing_counts_as_the_reference():
     """Without a temperature the effect is nothing; with one it is in proportion to what is above the reference."""
     samples = seen(temperature=np.where(np.arange(COUNT) < 10, np.nan, 35.0))
     found = current("thermal_friction", samples, 0.01)
     assert np.allclose(found[:10], 0.0) and np.allclose(found[10:], 0.1)
-
-
-def test_friction_comes_at_its_instant():
-    """Nothing before, all of it after."""
-    found = current("friction_step", seen(time=np.linspace(0.0, 100.0, COUNT)), 0.3, time=50.0)
-    assert np.array_equal(np.unique(found), [0.0, 0.3]) and (found > 0).sum() == COUNT // 2
-
-
-def test_position_friction_repeats_with_each_part_of_a_turn():
-    """Friction of harmonic k is the same after a turn's k-th part, and turns round with the motion."""
-    q = np.linspace(-2.0, 2.0, COUNT)
-    here, there = (current("position_friction", seen(position=q + w), harmonic=3.0) for w in (0.0, 2.0 * np.pi / 3.0))
-    back = current("position_friction", seen(position=q, way=-1.0), harmonic=3.0)
-    assert np.allclose(here, there) and np.allclose(here, -back)
 
 
 def test_counterbalance_is_the_slope_of_its_cylinders_length():
@@ -111,12 +76,6 @@ def test_counterbalance_is_the_slope_of_its_cylinders_length():
     wanted = force * (length(q + step) - length(q - step)) / (2.0 * step)
     found = current("counterbalance", seen(position=q), force * lever, length=lever / foot, angle=in_line)
     assert np.allclose(found, wanted, atol=1e-8)
-
-
-def test_saturation_clips():
-    """The prediction with the effect of size 1 is the prediction clipped, in both senses."""
-    drawn = np.linspace(-4.0, 4.0, COUNT)
-    assert np.allclose(drawn + current("saturation", seen(drawn=drawn), limit=2.5), np.clip(drawn, -2.5, 2.5))
 
 
 def test_droop_is_the_first_term_of_a_saturating_motor():

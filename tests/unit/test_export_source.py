@@ -21,7 +21,6 @@ from tests.matlab_lines import as_python
 from tests.worlds import PENDULUM, dataset, drawn, experiment, only
 
 GCC = shutil.which("gcc")
-OCTAVE = shutil.which("octave-cli")
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O2")
 needs_gcc = pytest.mark.skipif(GCC is None, reason="there is no gcc here")
 CASES = [("puma560", False), ("one", False), *((name, True) for name in ("puma560", "ur5e", "crane", "twelve"))]
@@ -156,22 +155,6 @@ def test_matlab_draws_what_the_model_predicts(name, rich):
     run = as_python(export(estimate, robot, form="matlab", name="arm").files[".m"], "arm")
     found = np.array([run(q, qd)[0] for q, qd in zip(position[:8], velocity[:8], strict=True)])
     assert off(found, wanted[:8]) < 1e2 * EXACT  # relative to eight postures' largest, not to forty's
-
-
-@pytest.mark.skipif(OCTAVE is None, reason="there is no octave-cli here")
-@pytest.mark.parametrize(("name", "rich"), [("stanford", True), ("twelve", True), ("one", False)])
-def test_octave_draws_what_the_model_predicts(name, rich, tmp_path):
-    """The same in Octave itself, where it is installed."""
-    robot, estimate, position, velocity, wanted = case(name, rich)
-    (tmp_path / "arm.m").write_text(export(estimate, robot, form="matlab", name="arm").files[".m"], encoding="utf-8")
-    (tmp_path / "in.json").write_text(json.dumps({"q": position.tolist(), "qd": velocity.tolist()}))
-    program = (
-        "d = jsondecode(fileread('in.json')); n = size(d.q, 1); out = zeros(size(d.q));"
-        "for k = 1:n, [t, h, f] = arm(d.q(k, :), d.qd(k, :)); out(k, :) = t; end; printf('%.17g\\n', out');"
-    )
-    done = subprocess.run([OCTAVE, "--eval", program], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert off(np.array([float(word) for word in done.stdout.split()]).reshape(wanted.shape), wanted) < EXACT
 
 
 def test_what_is_not_written_is_said():

@@ -6,27 +6,10 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, fit_runs, only
 
-from pumaid.estimation.gls import assign
 from pumaid.maths.bilinear import RATIO_SPREAD
 from pumaid.model import Model
 from pumaid.simulation import Bench
 from pumaid.trajectory import Motion, Plan
-
-
-@pytest.mark.parametrize(
-    ("moving", "wanted"),
-    [
-        ((1, 2, 3, 4, 5, 6), [0, 1, 2, 3, 4, 5]),
-        ((1, 2, 3, 4, 6), [0, 1, 2, 3, 3, 5]),
-        ((1, 2, 3, 5, 6), [0, 1, 2, 1, 4, 5]),  # joint 3 slides: it does not feel link 4's first moments
-        ((3,), [-1, -1, 2, -1, -1, -1]),
-        ((5, 6), [-1, -1, -1, -1, 4, 5]),
-        ((2,), [-1, 1, 1, 1, 1, 1]),
-    ],
-)
-def test_links_of_unmoved_joints_are_in_an_inner_gain(moving, wanted):
-    """Its own, or the next inner moving joint's that feels the link, or none."""
-    assert assign(Model(STANFORD), moving).tolist() == wanted
 
 
 def test_weights_are_each_joints_own():

@@ -38,8 +38,7 @@ HEAVY = draw(ARM, 3).with_noise(0.0)
 #: A s2/rad that each joint moves near the plan's postures.
 INERTIA = HEAVY.gain * np.diag(RigidArm(HEAVY, step=0.005).inertia(np.array([0.4, 0.0, 0.7])))
 HEAVY_PLAN = Plan(
-    "three joints",
-    (Motion(2, (0.4, 0.0, 0.7), -1.5, 1.5, 0.9), Motion(1, (0.0, 0.6, -0.5), 1.2, -1.2, 0.7)),
+    "three joints", (Motion(2, (0.4, 0.0, 0.7), -1.5, 1.5, 0.9), Motion(1, (0.0, 0.6, -0.5), 1.2, -1.2, 0.7))
 )
 
 

@@ -326,11 +326,7 @@ def test_a_hole_in_time_is_told(tmp_path: Path) -> None:
 
 
 REFUSED = {
-    "text in a cell": (
-        "t,q1,i1\n0,0,1\n1,x,2\n2,y,3\n",
-        "not-a-number",
-        "row 3, column q1: 'x' is no number",
-    ),
+    "text in a cell": ("t,q1,i1\n0,0,1\n1,x,2\n2,y,3\n", "not-a-number", "row 3, column q1: 'x' is no number"),
     "units line": ("t,q1,i1\ns,rad,A\n0,0,1\n", "not-a-number", "row 2, column t: 's'"),
     "dates": ("t,q1,i1\n2024-01-01 10:00:00,0,1\n", "not-a-number", "2024-01-01"),
     "ragged row": ("t,q1,i1\n0,0,1\n1,0\n2,0,1\n", "ragged-row", "row 3 has 2"),

@@ -10,7 +10,7 @@ import pytest
 
 from pumaid.errors import ModelError, Note, ResultError, Where
 from pumaid.estimate import Combination, Estimate, JointFit, Value
-from pumaid.results.documents import as_text, digest_of, heading, plain
+from pumaid.results.documents import as_text, digest_of
 from pumaid.results.model_file import check_same_recipe, read_model, write_model
 from pumaid.robot import EffectChoice, Joint, Robot
 
@@ -122,12 +122,6 @@ def test_rows_of_numbers_stand_on_a_line():
     assert json.loads(text) == {"matrix": [[1.0, 2.5e-9], [None, 4.0]], "words": ["1,  2", "[ 3,  4]", "[\n3,  4]"]}
 
 
-def test_plain_turns_numpy_and_infinity_into_json():
-    """Arrays, numpy scalars, tuples and infinities all end as JSON knows them."""
-    held = {"a": np.array([1, 2]), "b": np.float64(np.inf), "c": (np.int64(3), None), "d": np.bool_(True)}
-    assert plain(held) == {"a": [1, 2], "b": None, "c": [3, None], "d": True}
-
-
 def test_paths_that_are_no_file(model):
     """A path that leads nowhere has the command that makes a model, a folder the model that lies in it."""
     for path, mend in (
@@ -219,10 +213,3 @@ def test_other_recipe_is_refused(other):
     check_same_recipe(estimate(), arm())
     check_same_recipe(estimate(), arm(digest=""))
     check_same_recipe(replace(estimate(), recipe_digest=""), arm())
-
-
-def test_heading_names_inputs():
-    """Every document starts with kind, format, version and digests."""
-    head = heading("comparison", robot=arm(), logs={"a.csv": "cd"})
-    assert list(head) == ["kind", "format", "pumaid", "robot", "recipe", "logs"]
-    assert head["recipe"] == {"file": "recipe.yaml", "sha256": "ab" * 32}

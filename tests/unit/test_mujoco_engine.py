@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import draw, simulate, table1
@@ -100,14 +99,6 @@ def test_links_push_each_other():
         arm.advance(pushed)
     torque = np.array([0.0, 6.0 / abs(truth.gain[1]), 0.0, 0.0, 0.0, 0.0])
     assert arm.velocity == pytest.approx(0.005 * np.linalg.solve(arm.inertia(place), torque), rel=0.02, abs=1e-4)
-
-
-def test_a_motor_that_counts_against_itself_is_refused():
-    """Inertia and gain of opposite signs are no motor."""
-    truth = draw(table1.robot(), 3)
-    with pytest.raises(ModelError) as caught:
-        RigidArm(replace(truth, inertia=-truth.inertia), step=0.001)
-    assert caught.value.slug == "physics-wrong"
 
 
 def wrist(ratios: dict[tuple[int, int], float]) -> Robot:

@@ -10,9 +10,7 @@ import pytest
 import report_contexts
 import worlds
 from ladders import ladder
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from motion_worlds import World, make, robot
 from test_reporting_tables import ARM, PLAN
@@ -23,7 +21,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures import arm, model, residuals, runs
-from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, INLINE, dots, inlined, styled
+from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, INLINE, inlined, styled
 from pumaid.reporting.page import all_contents, all_figures
 from pumaid.reporting.text import PART_NAMES
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
@@ -71,21 +69,6 @@ def test_inline_figures_fit_the_page(figures):
     assert ElementTree.fromstring(svg).attrib["role"] == "img"
     plain = '<svg width="10pt" height="5pt"><path d="M 1.23456 2.34567"/><text>0.36012 A</text></svg>'
     assert "M 1.23 2.34" in inlined(plain, "x", "t") and "0.36012 A" in plain
-
-
-@pytest.mark.parametrize("count", [5, 5000])
-def test_dots_are_visible_in_png(count):
-    """Five dots are five spots, thousands cover the line they stand on."""
-    figure = Figure(figsize=(4.0, 1.0), dpi=100)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.axis("off")
-    axes.set(xlim=(-0.05, 1.05), ylim=(0.0, 1.0))
-    dots(axes, np.linspace(0.0, 1.0, count), np.full(count, 0.5), colour="#000000", size=3.0, alpha=1.0)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    dark = np.asarray(canvas.buffer_rgba())[:, :, 0].min(axis=0) < 128
-    spots = int(np.count_nonzero(np.diff(dark.astype(int)) == 1))
-    assert spots == 5 if count == 5 else dark.sum() > 0.85 * len(dark)
 
 
 # Model and residuals

@@ -203,8 +203,7 @@ def test_runs_show_short_names_and_units():
 
 
 ARM = Robot(
-    "lift and tip",
-    (Joint(1, "lift", "prismatic", limits=(0.0, 0.5)), Joint(2, "tip", "revolute", alpha=1.5, a=0.3)),
+    "lift and tip", (Joint(1, "lift", "prismatic", limits=(0.0, 0.5)), Joint(2, "tip", "revolute", alpha=1.5, a=0.3))
 )
 RUNS = (
     Motion(2, (0.1, 9.0), -1.0, 1.0, 0.5),

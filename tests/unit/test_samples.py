@@ -25,10 +25,7 @@ def test_a_sample_is_made_alike_twice(tmp_path):
     sample = {
         "folder": "small",
         "recipe": "pendulum2",
-        "commands": [
-            "pumaid plan --minutes 2 --seed 4",
-            "pumaid simulate --seed 4 --rate 25 --runs-per-file 1000",
-        ],
+        "commands": ["pumaid plan --minutes 2 --seed 4", "pumaid simulate --seed 4 --rate 25 --runs-per-file 1000"],
         "as_csv": ["session_01"],
     }
     first, again = (make_samples.contents(make_samples.make(sample, tmp_path / name)) for name in ("first", "again"))

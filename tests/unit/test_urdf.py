@@ -52,14 +52,6 @@ def test_limits_and_speeds(made, limit, kind, limits, speed, n_notes) -> None:
     assert [note.slug for note in recipe.notes] == ["urdf-incomplete"] * n_notes
 
 
-def test_fixed_joints_are_folded_in(made) -> None:
-    """A flange between two joints changes the numbers and not the number of joints."""
-    plain = made(serial_text([PLAIN[0], Stated(xyz=(0.3, 0.1, 0.2), rpy=(0.5, 0, 0))]))
-    folded = made(serial_text([PLAIN[0], Stated("fixed", xyz=(0.3, 0.1, 0.2)), Stated(rpy=(0.5, 0, 0))]))
-    assert folded.robot.n_joints == 2
-    assert folded.robot.placements == pytest.approx(plain.robot.placements, abs=1e-12)
-
-
 def test_axis_and_origin(made) -> None:
     """-z of any length turns the other way; without axis it is x, without origin zero."""
     robot = made(serial_text([Stated(axis=(0, 0, -250.0))])).robot
