@@ -172,3 +172,14 @@ def left(columns: np.ndarray, target: np.ndarray) -> float:
     size = np.linalg.norm(columns, axis=0)
     unit = columns[:, size > 0] / size[size > 0]
     return float(np.sum((target - unit @ np.linalg.lstsq(unit, target, rcond=1e-11)[0]) ** 2))
+
+
+def stacked(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Every joint's derivatives, a candidate's columns and the residuals, whitened by dense algebra."""
+    parts = []
+    for row in solved.joints:
+        columns = added.linear(solved.model.robot, row.bins.samples)
+        plain = np.column_stack([row.bare @ np.eye(row.total)[row.acting], columns, row.misfit])
+        parts.append(whitened(row.bins, row.noise, plain))
+    whole, width = np.vstack(parts), solved.joints[0].total
+    return whole[:, :width], whole[:, width:-1], whole[:, -1]

@@ -2,32 +2,16 @@
 
 import json
 
-import numpy as np
+import report_contexts
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
-from pumaid.estimate import Combination, Estimate, JointFit, Value
+from pumaid.estimate import Estimate
 from pumaid.results.documents import as_text
 from pumaid.results.model_file import model_document, read_model
-from pumaid.robot import EffectChoice
 
-ESTIMATE = Estimate(
-    robot="arm",
-    joints=(JointFit(1, 3, 900, 0.01, 0.01), JointFit(2, 1, 100, 0.02, None, "one run")),
-    values=(
-        Value("coulomb.j1.plus", "lambda1+", 1, "A", 0.5, 0.1, (0.3, 0.7), 9.0),
-        Value("gain_ratio.1.2", "eta1/eta2", 1, "1", state="not_identifiable", reason="light"),
-    ),
-    names=("coulomb.j1.plus", "gravity.l2.x"),
-    solution=np.array([0.5, 0.1]),
-    covariance=np.eye(2),
-    scales=np.array([[1.0, np.nan], [0.0, 1.0]]),
-    blind=np.array([[0.0], [1.0]]),
-    effects=(EffectChoice("stribeck", 1, {"velocity": 0.1}),),
-    combinations=(Combination({"gravity.l2.x": 1.0}, 0.1, 0.01, "A", "k2x"),),
-    version="0.1.0",
-)
+ESTIMATE = report_contexts.small().estimate
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
 JSON = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner))
 

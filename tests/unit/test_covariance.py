@@ -76,20 +76,6 @@ def test_interval_is_scipys(freedoms):
     assert two_sided(2.1, freedoms) == two_sided(-2.1, freedoms) == pytest.approx(2.0 * dist.sf(2.0 + 0.5 * 2.1))
 
 
-def test_thousands_of_runs_are_worked_on_a_few_at_a_time(monkeypatch):
-    """Covariance and degrees of freedom do not depend on how many runs are held at once."""
-    random = np.random.default_rng(5)
-    blocks = [random.normal(size=(int(random.integers(1, 5)), 3)) for _ in range(40)]
-    residual = random.normal(size=sum(map(len, blocks)))
-    inverse = np.linalg.inv(sum(block.T @ block for block in blocks))
-    together = by_blocks(blocks, residual, inverse)
-    monkeypatch.setattr(covariance, "AT_ONCE", 7)
-    apart = by_blocks(blocks, residual, inverse)
-    np.testing.assert_allclose(apart.covariance, together.covariance, rtol=1e-12)
-    np.testing.assert_allclose(apart.freedoms, together.freedoms, rtol=1e-10)
-    assert np.all(together.freedoms > 1)
-
-
 def random_covariance(rng: np.random.Generator, size: int, *, rank: int) -> np.ndarray:
     """A positive semidefinite matrix with units of very different size."""
     root = rng.normal(size=(size, rank)) * 10.0 ** rng.uniform(-3, 3, size)[:, None]
@@ -156,14 +142,3 @@ def test_covariance_of_the_recursion_is_that_of_noisy_solutions():
     assert np.max(np.abs(correlation[0] - correlation[1])) < 0.2  # 4 / sqrt(500)
     # A ratio's error must mirror that of the load that it scales: strong here, so that the test can fail.
     assert np.min(correlation[1]) < -0.3
-
-
-def test_rows_without_data_have_no_variance():
-    """What has no row of its own is told with no degrees of freedom."""
-    part = ROW > 0
-    found = Recursion(OWNERS, 3)
-    for row in (2, 1):
-        found.take(row, REGRESSORS[row == ROW], EXACT[row == ROW] + noise(1)[row == ROW])
-    system = Bilinear(ROW[part], REGRESSORS[part], (EXACT + noise(1))[part], OWNERS)
-    told = recursion_covariance(system, found.values, found.gains, runs=RUN[part])
-    assert told.freedoms[:2].tolist() == [0.0, 0.0] and told.freedoms[2] > 10.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
-from searches import LEVER, Lab, design, lever, pendulum, roots
+from searches import LEVER, Lab, design, lever, pendulum, roots, stacked
 
 from pumaid.diagnosis.score_test import leave_out, replicate_folds
 from pumaid.effect_spec import EffectTerm
@@ -16,26 +16,13 @@ SPRING = [EffectTerm(catalogue()["spring"], 1, {})]
 LOADED = [EffectTerm(catalogue()["load_friction"], 1, {})]
 
 
-def dense(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives, columns and residuals of all joints, whitened by dense algebra."""
-    parts, width = [], solved.joints[0].total
-    for row in solved.joints:
-        plain = np.column_stack(
-            [row.bare @ np.eye(row.total)[row.acting], added.linear(solved.model.robot, row.bins.samples), row.misfit]
-        )
-        pieces = np.split(plain, row.bins.first[1:])
-        parts += [root @ piece for root, piece in zip(roots(row.bins, row.noise), pieces, strict=True)]
-    whole = np.vstack(parts)
-    return whole[:, :width], whole[:, width:-1], whole[:, -1]
-
-
 def brute(solved: Fit, shapes: list[EffectTerm], fold: tuple[int, tuple[int, ...]]) -> float:
     """Fit without the fold, with and without the shape that is best there; the fall of the square in the fold."""
     joint, runs = fold
     out = np.concatenate([(row.bins.joint == joint) & np.isin(row.bins.run, runs) for row in solved.joints])
     squares = []
     for added in shapes:
-        base, columns, target = dense(solved, added)
+        base, columns, target = stacked(solved, added)
         whole = np.column_stack([base, columns])
         size = np.linalg.norm(whole, axis=0) + 1e-300
         fitted = np.linalg.lstsq(whole[~out] / size, target[~out], rcond=1e-3)[0] / size

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from searches import LEVER, Din, Lab, design, left, roots
+from searches import LEVER, Din, Lab, design, left, whitened
 from worlds import course, run_of
 
 from pumaid.dataset import Run
@@ -59,8 +59,7 @@ def dense(row: FitRow, frequency: float) -> tuple[np.ndarray, float]:
     q = row.bins.samples.position[:, 0]
     waves = np.column_stack([np.cos(frequency * q), np.sin(frequency * q)])
     whole = np.column_stack([row.bare @ np.eye(row.total)[row.acting], waves, row.misfit])
-    parts = np.split(whole, row.bins.first[1:])
-    white = np.vstack([root @ part for root, part in zip(roots(row.bins, row.noise), parts, strict=True)])
+    white = whitened(row.bins, row.noise, whole)
     p = row.total
     fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
     return white[:, p:-1].T @ white[:, -1], fall

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.optimize import nnls
-from searches import LEVER, Lab, design, left, lever, pendulum, roots
+from searches import LEVER, Lab, design, left, lever, pendulum, stacked
 from worlds import PENDULUM
 
 from pumaid.diagnosis.candidates import candidates, minus_log10_p
@@ -20,19 +20,6 @@ HIDDEN = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})
 def solved_of(lab: Lab, seed: int = 1) -> Fit:
     """One experiment with noise."""
     return lab.fitted(lab.noisy(seed))
-
-
-def stacked(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Every joint's derivatives, a candidate's columns and the residuals, whitened by dense algebra."""
-    parts = []
-    for row in solved.joints:
-        plain = np.column_stack(
-            [row.bare @ np.eye(row.total)[row.acting], added.linear(solved.model.robot, row.bins.samples), row.misfit]
-        )
-        pieces = np.split(plain, row.bins.first[1:])
-        parts += [root @ piece for root, piece in zip(roots(row.bins, row.noise), pieces, strict=True)]
-    whole, width = np.vstack(parts), solved.joints[0].total
-    return whole[:, :width], whole[:, width:-1], whole[:, -1]
 
 
 def gain(solved: Fit, added: EffectTerm, kept: np.ndarray) -> float:

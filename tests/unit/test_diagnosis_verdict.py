@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from searches import LEVER, Din, Lab, design, left, lever, pendulum, roots, with_current
+from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, with_current
 
 from pumaid.diagnosis.score_test import ReplicateTest, replicate_test
 from pumaid.diagnosis.stepwise import evidence
@@ -138,15 +138,9 @@ def test_a_bump_is_found_in_its_place(place):
 def test_statistic_is_the_fall_of_the_square():
     """Of every form, against a dense refit with all its hats, in directions that the base model leaves alone."""
     solved = hiding(lever(), HIDDEN["s f(q)"])
-    row = solved.row(1)
     for found in free_form_scores(solved, 1):
-        columns = found.added.linear(solved.model.robot, row.bins.samples)
-        whole = np.column_stack([row.bare @ np.eye(row.total)[row.acting], columns, row.misfit])
-        parts = [
-            root @ p for root, p in zip(roots(row.bins, row.noise), np.split(whole, row.bins.first[1:]), strict=True)
-        ]
-        white, p = np.vstack(parts), row.total
-        fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
+        base, columns, target = stacked(solved, found.added)
+        fall = left(base, target) - left(np.column_stack([base, columns]), target)
         assert found.statistic <= fall * (1.0 + 1e-6)
         assert found.statistic >= 0.9 * fall - 3.0  # what base and hats share nearly whole is left out
 

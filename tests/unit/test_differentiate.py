@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pumaid.preprocessing.differentiate import Ticks, acceleration, round_half_up, slopes, usual_step, velocity
+from pumaid.preprocessing.differentiate import acceleration, round_half_up, slopes, usual_step, velocity
 
 
 @pytest.mark.parametrize("half", [1, 4])
@@ -21,26 +21,6 @@ def test_velocity_passes_a_parabola_unbent():
     time = np.arange(500) / 250.0
     np.testing.assert_allclose(velocity(time, 1.0 + 0.5 * time + 0.8 * time**2, 0.2), 0.5 + 1.6 * time, atol=1e-8)
     np.testing.assert_allclose(velocity(np.arange(5) / 10.0, 0.3 * np.arange(5), 0.2), 3.0)
-
-
-@pytest.mark.parametrize("rate", [50.0, 1000.0, 4000.0])
-def test_tick_noise_is_that_of_a_mean(rate):
-    """A tick's noise is the sample noise over the root of its samples, whatever moves."""
-    rng = np.random.default_rng(1)
-    time = np.arange(round(20 * rate)) / rate
-    position = np.sin(0.5 * time) + 1e-3 * rng.standard_normal(len(time))
-    ticks = Ticks.of(time, position[:, None])
-    size = ticks.edges[1] - ticks.edges[0]
-    assert ticks.noise[0] == pytest.approx(1e-3 / np.sqrt(size), rel=0.15)
-
-
-def test_a_coarse_encoder_asks_for_a_longer_line():
-    """The fit lengthens until the encoder's step cannot look like a speed."""
-    time = np.arange(4000) / 1000.0
-    position = np.round(0.02 * time / 1e-3) * 1e-3
-    coarse, fine = Ticks.of(time, position[:, None]), Ticks.of(time, 0.02 * time[:, None])
-    assert coarse.quantum[0] == pytest.approx(1e-3)
-    assert coarse.half_width(1, 1e-3) > fine.half_width(1, 1e-3)
 
 
 @pytest.mark.parametrize("rate", [25.0, 125.0, 500.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pumaid.kinematics import apart, grouped, near, placement, roll_pitch_yaw, turn_of_z
+from pumaid.kinematics import apart, near, placement, roll_pitch_yaw, turn_of_z
 from pumaid.robot import Joint, Robot
 
 RNG = np.random.default_rng(2)
@@ -56,20 +56,6 @@ def test_turn_of_z_is_the_least(axis) -> None:
     assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-7)
     assert turn[:, 2] == pytest.approx(unit, abs=2e-9)
     assert Rotation.from_matrix(turn).magnitude() == pytest.approx(np.arccos(unit[2]), abs=1e-7)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_groups_are_those_of_a_loop(seed):
-    """Each number joins the first group whose first member it is like, also where likeness goes on in chains."""
-    values = np.random.default_rng(seed).uniform(0.0, 1.0, 60)
-    wanted: list[list[int]] = []
-    for number, value in enumerate(values):
-        own = next((group for group in wanted if abs(values[group[0]] - value) < 0.05), None)
-        if own is None:
-            wanted.append([number])
-        else:
-            own.append(number)
-    assert list(grouped(60, lambda first, others: others[np.abs(values[others] - values[first]) < 0.05])) == wanted
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -133,24 +133,6 @@ def test_paths_that_are_no_file(model):
         assert refused.slug == "file-not-readable" and path.name in refused.what and mend in refused.mend
 
 
-@pytest.mark.parametrize("keep", [0.1, 0.999])
-def test_truncated_file(model, keep):
-    """A file that breaks off says so, and at which line."""
-    text = model.read_text(encoding="utf-8")
-    model.write_text(text[: int(len(text) * keep)], encoding="utf-8")
-    found = refusal(model)
-    assert found.slug == "model-damaged" and found.where.line is not None
-
-
-def test_other_bytes(tmp_path):
-    """Whatever is no JSON document is refused as such; who gives the log first is told the order."""
-    path = tmp_path / "run.csv"
-    for data in (b"", b"  \n", b"t,q1\n0,1\n", b"\x00\xff\xfe", b"[1, 2]", b"3", b"[" * 100_000):
-        path.write_bytes(data)
-        refused = refusal(path)
-        assert refused.slug == "model-damaged" and "MODEL LOGS" in refused.mend
-
-
 @pytest.mark.parametrize(("entry", "value"), [("format", 2), ("format", "1"), ("format", True), ("kind", "comparison")])
 def test_other_format(model, entry, value):
     """A format that this version does not know, or another document, is named."""

@@ -61,27 +61,6 @@ def test_noise_is_split_into_levels_and_the_rest():
     assert inside == pytest.approx(budgets.NOISE**2, rel=0.1)
 
 
-def test_two_dependences_are_two_parts():
-    """Ripple and friction over speed, together: each has its own part, about as large as alone."""
-
-    def both(*at):
-        return KINDS["fast", "position"](*at) + KINDS["odd", "speed"](*at)
-
-    told = split(campaign(both, seed=8))
-    assert set(found(told)) == {"fast", "odd"}
-    for kind in (("fast", "position"), ("odd", "speed")):
-        alone = split(campaign(KINDS[kind], seed=8, noise=0.0)).mean_square
-        assert told.part(kind[0]).mean_square == pytest.approx(alone, rel=0.25)
-
-
-def test_drift_is_no_noise():
-    """Repeated runs differ by a step of friction; four fifths of it at least are not counted to the noise."""
-    told = split(campaign(KINDS["time", "time"], seed=4))
-    true = budgets.NOISE**2 + budgets.LEVEL**2
-    assert told.floor > 2.0 * true
-    assert told.noise < true + 0.2 * (told.mean_square - true)
-
-
 def test_what_has_no_name_is_unassigned():
     """A current that repeats with posture and speed together is no single dependence: it stays unassigned."""
 
@@ -104,15 +83,6 @@ def test_a_ripple_has_its_frequency_and_gearing(joint, per, cycles, gearing):
     part = budget(laid, laid.current, replace(worlds.PENDULUM.joint(2), **joint), is_fitted=False).part("fast")
     assert part.per == per and part.cycles[0] == pytest.approx(cycles, abs=0.1)
     assert part.gearing == pytest.approx(gearing, abs=0.01)
-
-
-def test_a_ripple_inside_bins_counts_whole():
-    """A ripple of three bins a wave is weakened by their means to 0.83; part and total are those of the samples."""
-    runs = campaign(lambda q, *_: 0.03 * np.cos(78.5 * q), seed=6, samples=1500)
-    told = split(runs)
-    squares = [np.sum(run.bins.count * (run.bins.current**2 + run.bins.variance)) for run in runs]
-    assert told.mean_square == pytest.approx(sum(squares) / sum(run.samples for run in runs), rel=0.01)
-    assert told.part("fast").mean_square == pytest.approx(0.5 * 0.03**2, rel=0.06)
 
 
 def test_load_is_told_from_position():

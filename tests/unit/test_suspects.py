@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pumaid.dataset import Bins, Dataset, coarser
+from pumaid.dataset import Bins, Dataset
 from pumaid.errors import LogError
 from pumaid.io.log_reader import LogReader
 from pumaid.preprocessing.ingest import ingest
@@ -88,12 +88,6 @@ def test_empty_cells_are_left_out_of_the_means(tmp_path):
     np.testing.assert_allclose(run.bins.extra, whole.bins.extra, atol=2.5e-3)  # one sample is 2 ms
 
 
-def test_current_of_another_motor_may_be_suspected(tmp_path):
-    """A column that is read anyhow arrives a second time as the user asked, in the file's own unit."""
-    (run,) = found(written(tmp_path / "a.csv", columns()), extra=("i2", "Vbus")).runs
-    np.testing.assert_array_equal(run.bins.extra[:, 0], run.bins.current)
-
-
 def test_nothing_else_changes(tmp_path):
     """With a suspect, doubled rows, empty bins and a run over two windows, all else is the same to the bit."""
     table = columns(3500, stop=6.5)
@@ -107,18 +101,3 @@ def test_nothing_else_changes(tmp_path):
         assert all(np.array_equal(getattr(one.bins, n), getattr(other.bins, n), equal_nan=True) for n in names)
     assert (plain.notes, plain.files) == (suspect.notes, suspect.files)
     assert [left.text for left in plain.rejects] == [left.text for left in suspect.rejects]
-
-
-def test_nothing_is_kept_where_nobody_asks(tmp_path):
-    """Without a suspect the logs carry no array for one."""
-    path = written(tmp_path / "a.csv", columns())
-    assert all(log.extra is None for log in LogReader([path], ARM))
-    assert found(path, extra=()).runs[0].bins.extra is None
-
-
-def test_joined_cells_weigh_what_is_known():
-    """Two bins of 1 and 3 samples at 10 and 20 V join to 17.5 V; with the first unknown, to 20 V."""
-    zero, count = np.zeros(2), np.array([1, 3])
-    extra = np.array([[10.0, np.nan], [20.0, 20.0]])
-    fine = Bins(count, np.array([0.0, 0.1]), zero[:, None], zero, zero, zero, zero, zero, extra)
-    np.testing.assert_allclose(coarser(fine, 1).extra, [[17.5, 20.0]])
