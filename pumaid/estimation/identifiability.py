@@ -350,7 +350,7 @@ def _parts_of_effects(fitted: FittedParameters) -> Iterator[Combination]:
         if not np.any(shared.ways[:, members]) or not members.any():
             continue
         _, sizes, right = np.linalg.svd(shared.ways[:, members])
-        for weights in right[np.count_nonzero(sizes > SHARE * sizes[0]) :]:
+        for weights in right[np.count_nonzero(sizes > SAME) :]:
             whole = np.zeros(len(fitted.covariance))
             whole[shared.effects[members]] = weights * shared.size[members]
             whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])

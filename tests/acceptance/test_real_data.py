@@ -230,6 +230,9 @@ def test_load_friction_of_a_double_pendulum_at_work(scratch):
     sums = run(place, "identify", "--add", "load_friction@1")[1]["combinations"]
     both = next(entry for entry in sums if "load_friction.j1.drive" in entry["terms"])
     assert both["value"] == pytest.approx(0.067, abs=0.006)
+    sums = run(place, "identify", "--add", "load_friction@1", "--add", "load_friction@2")[1]["combinations"]
+    each = [entry["value"] for entry in sums if entry["text"].startswith("load_friction")]
+    assert each == pytest.approx([0.07, 0.07], abs=0.012)
 
 
 def test_one_speed_of_a_bare_motor_gives_one_sum(scratch):

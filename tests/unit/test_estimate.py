@@ -316,6 +316,10 @@ def test_what_passes_for_gravity_is_not_identifiable():
     # Half the difference passes for gravity, which makes the load larger by as much.
     mean, off = 0.5 * (truth["drive"] + truth["back"]), 0.5 * (truth["drive"] - truth["back"])
     assert told.value == pytest.approx(mean / (1.0 + off), abs=4.0 * told.std_error)
+    both = identify(dataset, PENDULUM, effects=[EffectChoice("load_friction", joint) for joint in (1, 2)])
+    sums = {part.text.split(":")[0]: part for part in both.combinations if part.text.startswith("load_friction")}
+    assert sums["load_friction of joint 2"].value == pytest.approx(told.value, abs=4.0 * told.std_error)
+    assert abs(sums["load_friction of joint 1"].value) < 4.0 * sums["load_friction of joint 1"].std_error
 
 
 def test_held_out_runs_are_judged_and_not_fitted():
