@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 17545,
     "modules": 169,
     "import depth": 12,
-    "lines of tests and tools": 25160,
+    "lines of tests and tools": 25170,
     "words of documents": 30000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
