@@ -83,12 +83,6 @@ def test_closed_pipe_is_quiet():
     assert (done.stdout, done.stderr) == ("141\n", "")
 
 
-def test_full_disk_is_told():
-    """Standard output that takes no more is a refusal, not a bug."""
-    done = shell("pumaid effects > /dev/full; echo $?")
-    assert done.stdout == "3\n" and "error[file-refused]" in done.stderr
-
-
 def test_tables_in_a_pipe_are_at_most_100_characters_wide(capsys):
     """A wide table is split where there is no terminal; nothing of it is lost."""
     from pumaid.reporting.table import Table

@@ -52,17 +52,6 @@ def test_a_folder_with_anything_in_it_is_left_alone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_ctrl_c_ends_a_demo_as_any_command(monkeypatch):
-    """Code 130 and the usual line."""
-
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("pumaid.io.write.write_session", interrupted)
-    told = run("demo", "tale", "--robot", "pendulum2", code=130).stderr
-    assert told.strip().splitlines() == ["stopped; files that were being written are as they were before"]
-
-
 def test_failing_step_is_told(monkeypatch):
     """A step that fails ends the demo with the line that failed and what it said; of doctor's check it is code 1."""
     with pytest.raises(ResultError) as caught:

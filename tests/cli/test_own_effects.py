@@ -140,10 +140,3 @@ def test_a_file_that_has_changed_is_refused(braked, tmp_path):
     )
     told = typed(braked, f"report --effects {tmp_path / 'brake.py'}", code=3).stderr
     assert told.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in told
-
-
-def test_marks_in_its_title_are_text(tmp_path):
-    """What the terminal would take for an end of bold is shown as it is written."""
-    (tmp_path / "brake.py").write_text(OWN.replace("Rubbing brake", "Rubbing [/bold] [red]brake"), encoding="utf-8")
-    for line in ("effects", "effects brake"):
-        assert "[/bold]" in typed(tmp_path, f"{line} {KNOWN}").stdout

@@ -77,10 +77,3 @@ def test_the_recipe_that_does_not_fit_is_named(arm, tmp_path):
     for command in ("compare", "diagnose"):
         found = invoke(command, str(arm / "results" / "model.json"), str(other / "logs"))
         assert found.exit_code == 3 and f"at: {other / 'recipe.yaml'}" in found.stderr
-
-
-def test_logs_that_are_not_there_are_what_is_told(tmp_path, monkeypatch):
-    """Not the recipe that would lie beside them."""
-    monkeypatch.chdir(tmp_path)
-    found = invoke("identify", "nothing")
-    assert found.exit_code == 3 and found.stderr.startswith("error[no-such-log]")

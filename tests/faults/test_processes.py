@@ -74,26 +74,6 @@ def test_two_runs_at_once_do_not_mix(arm):
     assert is_whole(arm / "results") and len(list((arm / "results" / "models").glob("[0-9]*.json"))) == 2
 
 
-@pytest.mark.parametrize("reader", ["head -c 1", "true"])
-def test_a_reader_that_goes_away_is_no_fault(arm, reader):
-    """A pipe that is closed early ends the command without a word."""
-    line = f"{sys.executable} -m pumaid segment '{arm / 'logs'}' --rejects | {reader}"
-    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
-    assert "Traceback" not in done.stderr and "error[" not in done.stderr and "Exception" not in done.stderr
-
-
-def test_an_interrupt_is_one_line(arm, monkeypatch):
-    """The word and the code of a run that Ctrl-C ends."""
-    from faulty import invoke
-
-    def interrupted(*words, **more):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("pumaid.estimation.estimate.identify", interrupted)
-    found = invoke("identify", str(arm / "logs"))
-    assert (found.exit_code, found.stdout) == (130, "") and found.stderr.count("stopped") == 1
-
-
 #: A run that reads even these few logs by two processes.
 TWO = "from pumaid.preprocessing import ingest; ingest.BYTES_A_PROCESS = 1; from pumaid.__main__ import run; run()"
 

@@ -137,16 +137,3 @@ def test_prior_holds_only_what_the_data_do_not():
     found = fit_bilinear(weighted, quiet, chain(0.5, -1.5, 2.0), prior=np.repeat([0.0, 0.1], [5, 3]))
     assert abs(found.gains.edge[2] - 1.0) < 30.0
     assert found.gains.edge[1] == pytest.approx(-1.5, abs=0.05)
-
-
-def test_condensed_squares_are_those_of_all_equations():
-    """Noisy equations turned into a few: the same sum of squares wherever it is asked, and the same information."""
-    noisy = Bilinear(ROW, REGRESSORS, EXACT + DRAWS.normal(size=4 * N), OWNERS)
-    few = noisy.condensed()
-    assert len(few.target) <= 4 * 6 < 4 * N
-    for edges in ([0.5, -1.5, 2.0], [1.0, 0.3, -4.0], [0.0, 1.0, 1.0]):
-        gains, values = chain(*edges), DRAWS.normal(size=5)
-        squares = [np.sum((one.target - one.scaled(gains) @ values) ** 2) for one in (noisy, few)]
-        assert squares[1] == pytest.approx(squares[0], rel=1e-12)
-        slopes = [one.jacobian(gains, values) for one in (noisy, few)]
-        assert slopes[1].T @ slopes[1] == pytest.approx(slopes[0].T @ slopes[0], rel=1e-10, abs=1e-10)

@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg, stats
 
 from pumaid.estimation import covariance
-from pumaid.estimation.covariance import clustered, completed, interval, recursion_covariance, two_sided
+from pumaid.estimation.covariance import clustered, interval, recursion_covariance, two_sided
 from pumaid.maths.bilinear import Bilinear, Recursion
 
 RNG = np.random.default_rng(9)
@@ -74,29 +74,6 @@ def test_interval_is_scipys(freedoms):
     assert interval(2.0, 0.5, freedoms) == pytest.approx(dist.interval(0.95), rel=1e-9)
     assert interval(2.0, 0.5, freedoms, level=0.6) == pytest.approx(dist.interval(0.6), rel=1e-9)
     assert two_sided(2.1, freedoms) == two_sided(-2.1, freedoms) == pytest.approx(2.0 * dist.sf(2.0 + 0.5 * 2.1))
-
-
-def random_covariance(rng: np.random.Generator, size: int, *, rank: int) -> np.ndarray:
-    """A positive semidefinite matrix with units of very different size."""
-    root = rng.normal(size=(size, rank)) * 10.0 ** rng.uniform(-3, 3, size)[:, None]
-    return root @ root.T
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_a_completed_covariance_is_one(seed):
-    """No sum of parameters has a variance below zero; the known block stays, the poor ones are no surer than before."""
-    rng = np.random.default_rng(seed)
-    size = int(rng.integers(3, 12))
-    working, errors = (random_covariance(rng, size, rank=int(rng.integers(2, size + 3))) for _ in range(2))
-    poor = rng.random(size) < 0.4
-    found = completed(working, errors, poor)
-    scale = 1.0 / np.sqrt(np.diag(found))
-    assert np.linalg.eigvalsh(found * np.outer(scale, scale)).min() > -1e-9
-    assert np.array_equal(found[np.ix_(~poor, ~poor)], errors[np.ix_(~poor, ~poor)])
-    assert np.all(np.diag(found)[poor] >= np.diag(working)[poor] * (1.0 - 1e-9))
-    assert np.allclose(
-        completed(working, working, poor), working, rtol=1e-6, atol=1e-9 * np.outer(1 / scale, 1 / scale).max()
-    )
 
 
 OWNERS, RUNS, SIZE = np.array([0, 0, 1, 2]), 30, 4

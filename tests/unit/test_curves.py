@@ -1,12 +1,9 @@
 """A finding's picture: bins, error bars and lines are what a slow loop over the cells gives."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import worlds
 
-from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.diagnose import SLOWEST, Trial, curve
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family, Trace
@@ -84,17 +81,6 @@ def test_bins_are_means_over_runs():
     assert back.errors[0] == pytest.approx(np.std(means, ddof=1) / np.sqrt(2), rel=1e-12)
 
 
-def test_line_over_speed_runs_through_what_is_left():
-    """What the base model leaves of a law of speed lies on that law's line at every speed that was run."""
-    samples, law = bins(), Falling()
-    left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
-    trial = Trial(EffectTerm(law, 2, {"velocity": 0.2}), np.array([0.1]), 0.0 * left)
-    found = curve(worlds.PENDULUM, samples, before=left, trials=[trial])
-    for side, line in zip(found.sides, found.lines, strict=True):
-        at = np.interp(side.centres, line.places, line.values)
-        assert at == pytest.approx(side.before, abs=1e-3)  # 80 points over the span, and speeds that waver by 1e-3
-
-
 def test_rivals_part_below_the_slowest_run():
     """Two scales that agree on the speeds run differ where nobody ran, and the picture goes there."""
     samples, law = bins(), Falling()
@@ -116,28 +102,3 @@ def test_a_ripple_is_folded_on_its_period():
     side = found.sides[0]
     assert found.period == pytest.approx(2 * np.pi / 40.0)
     assert side.before == pytest.approx(0.05 * np.cos(40.0 * side.centres), abs=2e-3)  # a bin is 1/32 of a period
-
-
-def test_a_suspect_is_drawn_against_itself():
-    """A column that the user suspects is the axis; cells without it are left out."""
-    samples = bins()
-    volts = 24.0 + samples.run
-    volts[samples.run == 0] = np.nan
-    samples = replace(samples, extra=np.column_stack([0.0 * volts, volts]))
-    suspect = Suspect("supply", 1, middle=30.0, spread=4.0)
-    trial = Trial(EffectTerm(suspect, 2, {"times": 0.0}), np.array([0.1]), np.zeros(len(samples)))
-    found = curve(worlds.PENDULUM, samples, before=volts, trials=[trial])
-    assert (found.variable, found.unit) == ("supply", "")
-    assert found.sides[0].centres == pytest.approx(found.sides[0].before)
-    assert sum(side.runs.sum() for side in found.sides) == 15
-
-
-def test_one_direction_has_one_side():
-    """A joint that only ran forward has one side and one line an effect."""
-    whole = bins()
-    ahead = whole.direction > 0
-    names = ("position", "velocity", "acceleration", "direction", "time", "travel", "temperature", "run")
-    some = Samples(2, **{name: getattr(whole, name)[ahead] for name in names})
-    trial = Trial(EffectTerm(Falling(), 2, {"velocity": 0.2}), np.array([0.1]), np.zeros(len(some)))
-    found = curve(worlds.PENDULUM, some, before=np.ones(len(some)), trials=[trial])
-    assert [side.direction for side in found.sides] == [1] and len(found.lines) == 1

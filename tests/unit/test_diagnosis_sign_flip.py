@@ -76,21 +76,6 @@ def test_power_is_not_thrown_away():
     assert sum(alarms) > 0
 
 
-def test_white_noise_theory_would_raise_them():
-    """With levels of runs, chi-square of unwhitened scores calls a law of speed missing in most clean experiments."""
-    lab, alarms = lever(), 0
-    for seed in range(20):
-        (field,) = lab.bins(lab.noisy(seed, NOISES["levels"]))
-        base = lab.model.design(field)
-        columns = base[:, np.any(base, axis=0)]
-        speed = field.samples.direction * np.abs(field.samples.velocity[:, 0]) ** 0.3
-        whole = np.column_stack([columns, speed])
-        sizes, rest, *_ = np.linalg.lstsq(whole, field.current, rcond=None)
-        error = np.sqrt(float(rest[0]) / len(field) * np.linalg.inv(whole.T @ whole)[-1, -1])
-        alarms += abs(sizes[-1]) > 1.96 * error
-    assert alarms >= 10
-
-
 def test_flips_are_what_a_loop_over_flips_gives():
     """Handicaps and the sorted largest, of each candidate's best shape, one flip and one variant after the other."""
     found = clean(pendulum(), "normal", 3)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares
-from searches import LEVER, Lab, design, left, lever, pendulum, roots, whitened
+from searches import Lab, left, lever, pendulum, roots, whitened
 
 from pumaid.diagnosis.candidates import settling
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
-from pumaid.estimation.fit import Fit, at_bins, design_of, misfit_at
-from pumaid.maths.rank import pseudo_inverse
+from pumaid.estimation.fit import Fit, design_of
 from pumaid.model import Model
 
 STRIBECK = EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.3, "exponent": 1.0})
@@ -100,31 +99,6 @@ def test_effects_and_their_shapes_are_fitted_with_all_else():
         columns += [here, *[other.linear(solved.model.robot, row.bins.samples) - here for other in near]]
     dense = whitened(row.bins, row.noise, np.column_stack([*columns, row.bins.current]))
     assert solved.square == pytest.approx(left(dense[:, :-1], dense[:, -1]), rel=1e-3)
-
-
-def test_pseudo_inverse_leaves_out_what_no_data_show():
-    """Of a matrix with two equal columns it is Moore and Penrose's in scaled columns; the rank tells."""
-    rng = np.random.default_rng(0)
-    J = rng.normal(size=(50, 4)) * [1.0, 1e4, 1e-4, 1.0]
-    J[:, 3] = J[:, 0]
-    inverse, rank = pseudo_inverse(J.T @ J)
-    size = np.linalg.norm(J, axis=0)
-    np.testing.assert_allclose(inverse, np.linalg.pinv((J / size).T @ (J / size)) / np.outer(size, size), rtol=1e-6)
-    assert rank == 3
-
-
-def test_other_cells_of_the_same_runs_leave_the_same():
-    """A solution carried to bins four times finer predicts what it predicted, and its noise is that of those bins."""
-    lab = lever()
-    runs = lab.noisy(4)
-    solved = lab.fitted(runs)
-    fine = Lab.of(LEVER, design(LEVER), bins=256)
-    (field,) = fine.bins()
-    moved = at_bins(solved, field)
-    plain = fine.fitted(fine.runs, noises={1: moved.row(1).noise})
-    np.testing.assert_allclose(misfit_at(solved, field), moved.row(1).misfit, atol=1e-12)
-    assert np.abs(moved.row(1).misfit - plain.row(1).misfit).max() < 0.01  # A: what the noise of the first fit moved
-    assert moved.row(1).jacobian.shape == (len(field), solved.row(1).jacobian.shape[1])
 
 
 def test_settling_is_free_at_every_speed_and_nowhere_else():

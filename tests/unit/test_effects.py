@@ -1,39 +1,12 @@
 """What every effect owes the rest of the program, over the whole catalogue."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM
 
-from pumaid.effects import Effect, Scope, catalogue
-from pumaid.effects.plugins import ARM, EXTENT
+from pumaid.effects import catalogue
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Samples
-
-NAMES = sorted(catalogue())
-
-
-def owners(effect: Effect) -> list[int]:
-    """Joints (or 0: the whole arm) that can own the effect."""
-    numbers = [0] if effect.scope is Scope.ARM else range(1, ARM.n_joints + 1)
-    return [number for number in numbers if effect.applies(ARM, number) is None]
-
-
-@pytest.mark.parametrize("scale", [1e-2, 30.0])
-@pytest.mark.parametrize("name", NAMES)
-def test_grid_starts_within_bounds(name, scale):
-    """A search begins somewhere, with every shape named and within its bounds, for small motions and large ones."""
-    effect = catalogue()[name]
-    for number in owners(effect):
-        shapes = {shape.name: shape for shape in effect.shapes(ARM, number)}
-        low, high = (scale * end for end in EXTENT.position)
-        sizes = {"finest": scale * EXTENT.finest, "travel": scale * EXTENT.travel, "position": (low, high)}
-        speeds = tuple(scale * speed for speed in EXTENT.speeds)
-        starts = effect.grid(ARM, replace(EXTENT, joint=number or None, speeds=speeds, **sizes))
-        assert starts and all(set(start) == set(shapes) for start in starts)
-        for start in starts:
-            assert all(shapes[key].low <= value <= shapes[key].high for key, value in start.items()), start
 
 
 def test_prismatic_load_on_a_turning_joint():

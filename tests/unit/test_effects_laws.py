@@ -78,15 +78,6 @@ def test_counterbalance_is_the_slope_of_its_cylinders_length():
     assert np.allclose(found, wanted, atol=1e-8)
 
 
-def test_droop_is_the_first_term_of_a_saturating_motor():
-    """A motor whose torque bends as i - a i^3 needs i + a i^3 for the torque of i, to the first order in a."""
-    wanted, a = np.linspace(-2.0, 2.0, COUNT), 1e-4
-    needed = wanted.copy()
-    for _ in range(20):
-        needed = wanted + a * needed**3
-    assert np.allclose(wanted + current("torque_droop", seen(drawn=wanted), a), needed, atol=100.0 * a**2)
-
-
 @pytest.mark.parametrize("name", [n for n, e in catalogue().items() if Trace.DIRECTION in e.trace and not e.base])
 def test_friction_turns_round_with_the_motion(name):
     """What a direction shows changes its sign with it, all else equal."""
@@ -98,20 +89,6 @@ def test_friction_turns_round_with_the_motion(name):
 
 
 EXTENT = Extent(1, (0.1, 0.5), (-1.3, 1.1), 0.03, 2.4, tuple(60.0 * k for k in range(30)), 1800.0, 3.0, 4)
-
-
-def test_ripples_grid_loses_little_between_its_frequencies():
-    """A ripple of any frequency in the range keeps 94 % of its power at the nearest frequency of the grid."""
-    rng, q = np.random.default_rng(0), np.linspace(*EXTENT.position, 400)
-    grid = np.array([start["frequency"] for start in catalogue()["ripple"].grid(PENDULUM, EXTENT)])
-    kept = []
-    for frequency in rng.uniform(grid.min(), grid.max(), 200):
-        signal = np.sin(frequency * q + rng.uniform(0.0, 7.0))
-        nearest = grid[np.abs(grid - frequency).argmin()]
-        basis = np.column_stack([np.cos(nearest * q), np.sin(nearest * q)])
-        left = signal - basis @ np.linalg.lstsq(basis, signal, rcond=None)[0]
-        kept.append(1.0 - (left @ left) / (signal @ signal))
-    assert min(kept) > 0.94
 
 
 def test_ripples_grid_begins_with_the_gear():

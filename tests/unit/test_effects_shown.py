@@ -27,29 +27,6 @@ def test_signature_is_a_finite_curve(name):
     assert name == "coulomb" or np.ptp(shown.forward) > 0
 
 
-def test_signature_is_against_its_own_variable():
-    """The picture is against what the effect depends on."""
-    variables = {
-        "speed": "stribeck",
-        "load": "load_friction",
-        "predicted current": "torque_droop",
-        "travel": "presliding",
-        "time": "warmup",
-        "temperature": "thermal_friction",
-        "acceleration": "inertia",
-        "position": "ripple",
-    }
-    assert {variable: signature(catalogue()[name]).variable for variable, name in variables.items()} == {
-        variable: variable for variable in variables
-    }
-
-
-def test_a_ripple_shows_three_periods():
-    """The range follows the effect's frequency: three periods, so five or six changes of sign."""
-    forward = signature(catalogue()["ripple"]).forward
-    assert (np.diff(np.sign(forward)) != 0).sum() in (5, 6)
-
-
 def test_sketch_puts_letters_where_the_curve_is():
     """The first letter of a falling friction is in the top line, its mirror image in the bottom line."""
     shown = signature(catalogue()["stribeck"])

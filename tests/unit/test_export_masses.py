@@ -9,7 +9,6 @@ import pytest
 from pumaid.errors import ModelError
 from pumaid.exports import export
 from pumaid.exports.equivalent_bodies import read_constants
-from pumaid.kinematics import roll_pitch_yaw
 from pumaid.simulation.random_robot import draw
 from tests.exported import fitted, motions, predicted, robot_called
 from tests.worlds import random_arm
@@ -155,16 +154,6 @@ def test_a_sign_against_the_logs_is_told():
     assert [text for text in found.remarks if f"friction of joint {backwards[0]} pushes along" in text]
 
 
-def test_masses_of_a_model_without_any_weight():
-    """Nothing was identified: the masses are possible ones that weigh nothing on any joint, and nothing is told."""
-    robot = robot_called("ur5e")
-    estimate = fitted(robot)
-    found = export(replace(estimate, solution=np.zeros_like(estimate.solution)), robot, form="mjcf")
-    position, _ = motions(robot)
-    assert np.abs(by_mujoco(found.files[".xml"], position)).max() < EXACT
-    assert not [text for text in found.remarks if "RMS" in text]
-
-
 def test_a_slide_with_a_negative_mass_is_refused():
     """No masses hold a slide that pulls up."""
     robot = robot_called("stanford")
@@ -197,13 +186,6 @@ def test_names_are_escaped():
     model = pin.buildModelFromXML(export(estimate, robot, form="urdf").files[".urdf"])
     other = mujoco.MjModel.from_xml_string(export(estimate, robot, form="mjcf").files[".xml"])
     assert model.names[1] == other.joint(0).name == '<a "1" & -- > _ é'
-
-
-@pytest.mark.parametrize("pitch", [0.0, 0.7, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 3.0])
-def test_roll_pitch_yaw(pitch):
-    """URDF's angles give the rotation back, also where pitch is a right angle."""
-    turn = pin.rpy.rpyToMatrix(0.4, pitch, -1.3)
-    assert np.allclose(pin.rpy.rpyToMatrix(*roll_pitch_yaw(turn)), turn, atol=1e-14)
 
 
 @pytest.mark.parametrize(("text", "wanted"), [("1, -2,3e1", {1: 1.0, 2: -2.0, 3: 30.0}), ("2=-4.5", {2: -4.5})])

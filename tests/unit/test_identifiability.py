@@ -1,7 +1,5 @@
 """The sheet of parameters: what is told as known, how well, and what is not told."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -9,9 +7,7 @@ from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, only, 
 
 from pumaid.dataset import Campaign, Dataset
 from pumaid.estimation.estimate import identify
-from pumaid.estimation.identifiability import ratio_gradient
 from pumaid.joint_bins import samples_of
-from pumaid.maths.bilinear import Gains
 from pumaid.model import Model
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1
@@ -37,25 +33,6 @@ def test_ratio_of_an_unfelt_link_is_not_told():
     value = ESTIMATE.value("gain_ratio.5.6")
     assert value.state == "not_identifiable" and "link 6 is too light to be felt by joint 5" in value.reason
     assert "payload" in value.next_run
-
-
-def test_ratios_over_two_branches_have_the_slope_of_their_edges():
-    """The ratio's derivative by every edge is a finite difference's, also across branches."""
-
-    edges = {3: (1, 0.5), 1: (0, -1.5), 2: (0, 2.0), 4: (2, 3.0)}
-
-    def forest(moved: int = 0, step: float = 0.0) -> Gains:
-        gains = Gains(5)
-        for lower, (upper, ratio) in edges.items():
-            gains.merge(upper, lower, ratio + step * (lower == moved))
-        return gains
-
-    for row, other in product(range(5), repeat=2):
-        value, slope = ratio_gradient(forest(), row, other)
-        assert value == pytest.approx(forest().ratio(row, other))
-        for number, edge in enumerate(forest().edges):
-            ahead, back = (forest(edge, step).ratio(row, other) for step in (1e-6, -1e-6))
-            assert slope[number] == pytest.approx((ahead - back) / 2e-6, abs=1e-6)
 
 
 def test_a_parameter_not_told_apart_names_its_partners():

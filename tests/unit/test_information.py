@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from menus import arm, names, prior, small_set
+from menus import prior, small_set
 from paper_recursion import gravity_current
 
-from pumaid.design.exchange import Criterion, Exchange, continuous_design
-from pumaid.design.information import gravity_names, gravity_slopes, predicted_errors, run_information, run_moments
+from pumaid.design.exchange import Criterion, continuous_design
+from pumaid.design.information import gravity_names, gravity_slopes, predicted_errors, run_moments
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
 from pumaid.trajectory import Motion
@@ -79,20 +79,6 @@ def test_only_what_runs_show_is_promised():
     assert errors([replace(motion, purpose="heldout") for motion in motions]) == {}
 
 
-@pytest.mark.parametrize("name", ["puma560", "stanford"])
-def test_candidates_tell_what_their_runs_tell(name):
-    """Candidates made once, twice and not at all tell, for either robot, what the information of all their runs is."""
-    candidates, rng = small_set(name), np.random.default_rng(1)
-    counts = np.zeros(len(candidates), dtype=int)
-    counts[rng.choice(len(candidates), 40, replace=False)] = rng.integers(1, 3, 40)
-    motions = [motion for k in np.repeat(np.arange(len(counts)), counts) for motion in candidates.blocks[k].motions]
-    runs = [run_information(prior(name).robots[:2], [motion], names(arm(name))) for motion in motions]
-    wanted = sum(runs).toarray().reshape(2, len(candidates.names), -1)
-    scale = np.sqrt(np.einsum("gpp->gp", wanted)) + 1e-12
-    off = (candidates.information(counts.astype(float)) - wanted) / (scale[:, :, None] * scale[:, None, :])
-    assert np.abs(off).max() < 1e-9
-
-
 def information(rng: np.random.Generator, *, rank: int = 9) -> np.ndarray:
     """(G, p, p) of random rows whose columns are of very different size."""
     rows = rng.standard_normal((ROBOTS, rank, WIDTH)) * np.array([100.0, 3.0, 0.5, 2000.0, 1.0])
@@ -121,17 +107,6 @@ def test_criterion_is_the_mean_error_and_its_slope(counted):
         assert -0.5 * np.sum(criterion.slope(now) * more) == pytest.approx(fall / (2 * step), rel=1e-4)
 
 
-def test_what_does_not_count_may_be_unknown():
-    """A parameter without any information, not counted, changes neither value nor slope; nothing overflows."""
-    now = information(np.random.default_rng(6))
-    dark = now.copy()
-    dark[:, 4, :] = dark[:, :, 4] = 0.0
-    small = Criterion(np.append(SIZE[:4], 1e-30), np.arange(5) < 4)
-    alone = Criterion(SIZE[:4], np.ones(4, dtype=bool))
-    assert small.value(dark) == pytest.approx(float(alone.value(now[:, :4, :4])))
-    assert small.slope(dark)[:, :4, :4] == pytest.approx(alone.slope(now[:, :4, :4]))
-
-
 def criterion_of(name: str) -> Criterion:
     """Of relative errors on a small set."""
     sizes = prior(name).typical_sizes()
@@ -154,14 +129,3 @@ def test_no_enumerated_design_beats_the_bound():
     values = np.concatenate([criterion.value(part) for part in parts])
     bound = continuous_design(tiny, criterion, total).bound
     assert bound <= np.min(values) < bound + 0.3  # whole candidates only
-
-
-def test_falls_rank_as_exact_values_do():
-    """One more of a candidate lowers the value by about what the slope says, the more exactly the less it is."""
-    candidates, criterion = small_set("pendulum2"), criterion_of("pendulum2")
-    exchange = Exchange(candidates, criterion, np.zeros(len(candidates)), np.inf)
-    counts = np.full(len(candidates), 6)
-    numbers = np.arange(0, len(counts), 7)
-    more = candidates.information(counts) + candidates.each(numbers)
-    falls = exchange.value(counts) - criterion.value(more)
-    assert falls == pytest.approx(exchange.falls(counts)[numbers], rel=0.1, abs=1e-6)

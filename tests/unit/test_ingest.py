@@ -18,7 +18,7 @@ from pumaid.errors import LogError
 from pumaid.io.paths import expand
 from pumaid.io.write import write_log
 from pumaid.preprocessing import ingest as module
-from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes, read_file
+from pumaid.preprocessing.ingest import dask_workers, ingest, read_file
 
 WORLD = World(motions=4, rate=200.0)
 ARM = robot(WORLD)
@@ -134,15 +134,6 @@ def test_a_refused_file_is_refused_by_its_worker_too(paths, tmp_path) -> None:
     with ProcessPoolExecutor(2) as executor, pytest.raises(LogError) as refused:
         ingest([*paths, bad], ARM, executor=executor)
     assert refused.value.slug == "column-missing" and refused.value.where.file == str(bad)
-
-
-@pytest.mark.parametrize(
-    ("sizes", "jobs", "workers"), [([1000] * 20, 4, None), ([1 << 30] * 3, 8, 3), ([1 << 30] * 3, 1, None)]
-)
-def test_small_logs_are_read_here(sizes, jobs, workers) -> None:
-    """Processes are started where there is enough for each of them, and never more than there are files."""
-    with local_processes(sizes, jobs) as executor:
-        assert (executor and executor._max_workers) == workers
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pumaid.kinematics import apart, near, placement, roll_pitch_yaw, turn_of_z
+from pumaid.kinematics import placement, roll_pitch_yaw, turn_of_z
 from pumaid.robot import Joint, Robot
 
 RNG = np.random.default_rng(2)
@@ -56,16 +56,3 @@ def test_turn_of_z_is_the_least(axis) -> None:
     assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-7)
     assert turn[:, 2] == pytest.approx(unit, abs=2e-9)
     assert Rotation.from_matrix(turn).magnitude() == pytest.approx(np.arccos(unit[2]), abs=1e-7)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_near_postures_are_those_of_a_comparison_with_all(seed):
-    """Joint after joint, with whole turns between and unknown positions, the same as all joints at once."""
-    rng = np.random.default_rng(seed)
-    postures = rng.choice([0.0, 0.3, 1.0], (200, 4)) + rng.normal(scale=0.01, size=(200, 4))
-    postures += 2.0 * np.pi * rng.integers(-2, 3, postures.shape)
-    postures[rng.random(postures.shape) < 0.05] = np.nan
-    others = np.flatnonzero(rng.random(200) < 0.7)
-    for first in range(0, 200, 7):
-        wanted = ~(apart(postures[first], postures[others]) > 0.02).any(axis=1)
-        assert np.array_equal(near(postures, first, others, within=0.02), others[wanted])

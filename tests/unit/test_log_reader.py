@@ -411,14 +411,6 @@ def test_a_second_recording_in_a_file_starts_a_clock(tmp_path: Path) -> None:
     assert [note.slug for note in reader.notes] == ["clock-restarts"]
 
 
-def test_flipped_bytes_are_found(tmp_path: Path) -> None:
-    """A log that pumaid wrote carries checksums: a damaged page is refused, not read as numbers."""
-    write_log(tmp_path / "a.parquet", [motion(5000)], arm())
-    data = bytearray((tmp_path / "a.parquet").read_bytes())
-    data[3000:3004] = bytes(byte ^ 255 for byte in data[3000:3004])
-    assert refusal(tmp_path / "a.parquet", bytes(data)).slug == "damaged-log"
-
-
 def test_a_log_that_changes_meanwhile_is_refused(tmp_path: Path) -> None:
     """The digest would be of something else than what was read."""
     path = tmp_path / "a.csv"
@@ -428,19 +420,6 @@ def test_a_log_that_changes_meanwhile_is_refused(tmp_path: Path) -> None:
     path.write_text(text(motion(500)))
     with pytest.raises(LogError, match="changed while it was read"):
         list(logs)
-
-
-def test_no_memory_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where Arrow gets no memory for a Parquet file, the file is not called damaged for that."""
-    write_log(tmp_path / "a.parquet", [motion(500)], arm())
-
-    def batches(*_: object, **__: object) -> Iterable[object]:
-        raise pa.ArrowMemoryError("malloc of size 524288 failed")
-        yield
-
-    monkeypatch.setattr(pq.ParquetFile, "iter_batches", batches)
-    with pytest.raises(MemoryError, match="524288"):
-        list(LogReader([tmp_path / "a.parquet"], arm()))
 
 
 def test_a_quoted_cell_of_two_lines_is_refused(tmp_path: Path) -> None:

@@ -47,13 +47,6 @@ def fitted(seed: int, kinds: tuple[str, ...]) -> Fit:
     return fit_effects(Model.of_runs(PENDULUM, runs), runs, wanted, campaign=Campaign.of(runs)).fit
 
 
-def test_the_logs_have_both_kinds():
-    """Each joint has at least ten strokes and twenty runs at constant speed."""
-    kinds = [(run.joint, run.kind) for run in logged(0).runs]
-    assert all(kinds.count((joint, "stroke")) >= 10 for joint in (1, 2))
-    assert all(kinds.count((joint, "constant")) >= 20 for joint in (1, 2))
-
-
 def test_the_hidden_velocity_is_within_its_interval():
     """The Stribeck velocity of a robot in closed loop is found although strokes are among its runs."""
     found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(2)]

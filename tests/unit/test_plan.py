@@ -239,14 +239,6 @@ def test_runs_and_moves_that_strike_are_named():
     assert not texts(check_plan(robot, plan(robot, minutes=6, seed=1), seed=1), "plan-strikes")
 
 
-def test_one_speed_and_one_way_are_lacking():
-    """Speeds are counted, and a single speed leaves friction's two parts dark."""
-    motions = [Motion(k, (0.0, 0.5), -1.0 * w, 1.0 * w, 0.5) for k in (1, 2) for w in (1, -1)]
-    found = check_plan(PENDULUM, Plan(PENDULUM.name, tuple(motions)), seed=1)
-    assert "1 of 4 speeds" in texts(found, "plan-lacks")[0]
-    assert "viscous.j1.plus" in found.unseen
-
-
 def test_runs_that_no_log_shows_are_told():
     """A run over a hundredth of a radian and one slower than what counts as rest are named, and ask for attention."""
     first = pendulums().motions[0]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from menus import arm
 
-from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
 from pumaid.design.prior import prior_robots
 from pumaid.diagnosis.discrimination import plan_for_effect, rehearsed, solved_on, usual
@@ -18,7 +17,7 @@ from pumaid.effects import catalogue
 from pumaid.errors import ModelError
 from pumaid.estimation.fit import Projector
 from pumaid.robot import EffectChoice, Joint, Robot
-from pumaid.simulation import Bench, Hidden, draw
+from pumaid.simulation import Hidden, draw
 from pumaid.trajectory import Plan
 
 #: Its upright first joint feels a tilt of the base.
@@ -99,32 +98,6 @@ def test_added_runs_show_what_they_promise(name, effect, joint, size):
     assert 0.5 < raised / promised(found) < (2.0 if alone else np.inf)
 
 
-@cache
-def logs(seed: int) -> Dataset:
-    """What the short experiment leaves of a pendulum that hides a little Stribeck friction in joint 2."""
-    truth = replace(draw(ARMS["pendulum"], seed), hidden=(sized("pendulum", "stribeck", 2, 0.05),))
-    return Dataset(Bench(truth, ground("pendulum"), rate=50.0).runs(np.random.default_rng(seed)))
-
-
-@pytest.mark.parametrize("rival", [None, EffectChoice("viscous_power", None)])
-def test_with_logs_only_the_runs_are_planned(rival):
-    """With logs the plan holds the runs alone, within limits, for the joint that was asked of."""
-    robot = ARMS["pendulum"]
-    found = plan_for_effect(
-        robot,
-        EffectChoice("stribeck", 2),
-        against=rival,
-        whole=lambda: ground("pendulum"),
-        dataset=logs(6302),
-        seed=3,
-        size=0.05,
-    )
-    assert 0 < len(found.motions) < 2 * len(ground("pendulum").motions)
-    assert {motion.joint for motion in found.motions} == {2}
-    assert max(motion.velocity for motion in found.motions) <= robot.joint(2).max_velocity
-    assert ("from viscous_power@2" in found.assumptions[-1]) == (rival is not None)
-
-
 @pytest.mark.parametrize(("first", "second"), [("stribeck", "viscous_power"), ("spring", "position_friction")])
 def test_rivals_are_told_apart_by_new_runs(first, second):
     """The rival takes the joint of what it rivals, and the runs promise a separation of either from the other."""
@@ -166,21 +139,3 @@ def test_wrong_effects_are_refused(wanted, rival, slug, words):
         plan_for_effect(robot, wanted, against=rival, whole=lambda: ground("pendulum"), seed=3)
     assert caught.value.slug == slug
     assert words in str(caught.value)
-
-
-def test_size_is_heard_where_there_is_a_rival():
-    """What is rehearsed has the size that is asked for: a large effect is told by the runs already, a small one not."""
-    robot, base = ARMS["pendulum"], ground("pendulum")
-    large, small = (
-        plan_for_effect(
-            robot,
-            EffectChoice("stribeck", 2),
-            against=EffectChoice("viscous_power", 2),
-            whole=lambda: base,
-            seed=3,
-            size=one,
-        )
-        for one in (1.0, 0.01)
-    )
-    decided = [[note.slug for note in found.notes if note.slug == "plan-decided"] for found in (large, small)]
-    assert decided == [["plan-decided"], []]

@@ -21,23 +21,6 @@ def coverage(*runs) -> dict[int, JointCoverage]:
     return {joint: JointCoverage.of(joint, runs) for joint in (1, 2, 3)}
 
 
-def test_coverage_of_runs():
-    """Speeds each way in order, outer postures counted once, strokes apart; speeds within 2 % are one."""
-    runs = [
-        run(1, (0.0, 0.1, 0.2), 0.5),
-        run(1, (0.9, 0.1, 0.2), 0.3),
-        run(1, (0.0, 0.1, 0.9), -0.4),
-        run(1, (0.0, 0.1, 0.2), 0.2, kind="stroke"),
-        run(3, (0.0, 0.1, 0.2), 0.2),
-    ]
-    covered = coverage(*runs)[1]
-    assert (covered.runs, covered.postures, covered.strokes) == (4, 2, 1)
-    assert covered.speeds[1] == pytest.approx((0.2, 0.3, 0.5), rel=0.01)
-    assert covered.speeds[-1] == pytest.approx((0.4,))
-    for speeds, is_one in (((0.5, 0.505), True), ((0.5, 0.52), False), ((0.5,), True), ((), False)):
-        assert coverage(*[run(1, (0, 0, 0), speed) for speed in speeds])[1].has_one_speed(1) is is_one
-
-
 FIRST, SECOND, THIRD = run(1, (0, 0, 0), 0.3), run(2, (0, 0, 0), 0.12), run(3, (0, 0, 0), 0.5)
 #: Parameter, runs, partners -> what the reason says, and the next run.
 CASES = {

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from worlds import CRANE, PENDULUM, course, run_of
+from worlds import PENDULUM, course, run_of
 
 from pumaid.preprocessing.replicates import noise_floor, pairs, replicates
 
@@ -88,13 +88,3 @@ def test_groups_keep_apart():
     """Three repeats make one group, two of another speed a second; a lone run is in none."""
     runs = [pendulum(speed=speed) for speed in (1.0, 0.5, 1.0, 2.0, 0.5, 1.0)]
     assert replicates(runs) == [[0, 2, 5], [1, 4]]
-
-
-def test_sliding_joint():
-    """A sliding joint's runs have a floor like any other's."""
-    rng, runs = np.random.default_rng(3), []
-    for _ in range(6):
-        moves = course("constant", -0.2, 0.2, samples=400)
-        current = 2.0 + SIGMA * rng.normal(size=400)
-        runs.append(run_of(CRANE, 2, (0.1, 0.0, 0.3), course=moves, current=current))
-    assert noise_floor(pairs(runs))[0] == pytest.approx(SIGMA, rel=0.06)

@@ -1,6 +1,5 @@
 """Figures: each can be drawn in every form, and shows what it says."""
 
-import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -8,7 +7,6 @@ import diagnoses
 import numpy as np
 import pytest
 import report_contexts
-import worlds
 from ladders import ladder
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Polygon
@@ -21,10 +19,10 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures import arm, model, residuals, runs
-from pumaid.reporting.figures.style import BACKWARD, FORWARD, INK, INLINE, inlined, styled
+from pumaid.reporting.figures.style import BACKWARD, FORWARD, INLINE, styled
 from pumaid.reporting.page import all_contents, all_figures
 from pumaid.reporting.text import PART_NAMES
-from pumaid.robot import Box, Joint, Robot, Safety, Sphere
+from pumaid.robot import Box, Safety, Sphere
 from pumaid.trajectory import Motion, Plan, Posture
 
 PUMA = diagnoses.PUMA
@@ -57,18 +55,6 @@ def test_files_are_what_their_suffix_says(figures):
     assert files["png"].startswith(b"\x89PNG") and files["pdf"].startswith(b"%PDF")
     assert ElementTree.fromstring(files["svg"]).tag.endswith("svg")
     assert figures["spent"].files(["png", "svg", "pdf"]) == files
-
-
-def test_inline_figures_fit_the_page(figures):
-    """Ids carry the figure's name, ink is the page's, and nothing is fetched; words are not rounded."""
-    svg = figures["residual_j1"].file(INLINE).decode()
-    ids = re.findall(r'\bid="([^"]+)"', svg)
-    assert ids and all(name.startswith("residual_j1-") for name in ids) and len(ids) == len(set(ids))
-    assert set(re.findall(r'href="#([^"]+)"', svg)) | set(re.findall(r"url\(#([^)]+)\)", svg)) <= set(ids)
-    assert "currentColor" in svg and INK not in svg and "<style" not in svg
-    assert ElementTree.fromstring(svg).attrib["role"] == "img"
-    plain = '<svg width="10pt" height="5pt"><path d="M 1.23456 2.34567"/><text>0.36012 A</text></svg>'
-    assert "M 1.23 2.34" in inlined(plain, "x", "t") and "0.36012 A" in plain
 
 
 # Model and residuals
@@ -141,16 +127,6 @@ def test_of_many_models_the_ends_are_shown(n_models, shown):
     assert [label.get_text().split("\n")[0] for label in axes.get_xticklabels()] == list(map(str, shown))
 
 
-def test_steps_stand_at_the_errors_with_their_names():
-    """Treads are the models' errors; below each stand its number and what it added."""
-    path = ladder(3, 1)
-    axes = model.history_figure(path).figure.axes[0]
-    fitted = np.array([rung.whole["rmse"] for rung in path.rungs])
-    for errors in (fitted, 1.1 * fitted):
-        assert any(np.allclose(line.get_ydata(), [*errors, errors[-1]]) for line in axes.lines)
-    assert axes.get_xticklabels()[1].get_text().split() == ["2", "+", "torque", "constant", "drift", "joint", "1"]
-
-
 # Diagnosis
 
 
@@ -167,20 +143,6 @@ def test_before_and_after_have_one_scale():
 
 
 # Arm, runs and plans
-
-
-def test_skeleton_is_where_the_arm_is():
-    """Origins of the arm stretched up, by hand; a slide moves what is beyond it; joints in one place share a label."""
-    robot_ = Robot("two", (Joint(1, "a", "revolute"), Joint(2, "b", "revolute", alpha=-np.pi / 2, d=0.25),
-                           Joint(3, "c", "revolute", a=0.4)))  # fmt: skip
-    origins, rotations = arm.frames(robot_, np.array([0.0, -np.pi / 2, 0.0]))
-    assert origins == pytest.approx(np.array([[0, 0, 0], [0, 0, 0], [0, 0.25, 0], [0, 0.25, 0.4]]), abs=1e-12)
-    assert rotations[1:, :, 2] == pytest.approx(np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0]]), abs=1e-12)
-    far, near = (arm.frames(worlds.CRANE, np.array([0.0, z, 0.0]))[0] for z in (0.7, 0.2))
-    assert np.linalg.norm(far[2] - near[2]) == pytest.approx(0.5, rel=1e-12)
-    wrist = replace(robot_, joints=(robot_.joints[0], replace(robot_.joints[1], d=0.0), robot_.joints[2]))
-    (axes,) = arm.skeleton_figure(wrist, np.zeros(3)).figure.axes
-    assert [text.get_text() for text in axes.texts if text.get_text()[:1].isdigit()] == ["1, 2", "3"]
 
 
 SAFE = replace(
@@ -217,16 +179,6 @@ def test_titles_of_postures_do_not_overlap():
     texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
     boxes = [text.get_window_extent() for text in (*texts, *figure.texts) if text.get_text()]
     assert [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)] == []
-
-
-def test_huge_and_empty_plans_are_drawn(monkeypatch):
-    """Runs in 20 postures are drawn as far as there is room, and said so; no runs are an empty page."""
-    monkeypatch.setattr(arm, "MOST_PANELS", 8)
-    rng = np.random.default_rng(0)
-    many = Plan("x", tuple(Motion(2, (float(h), 0.0), -1.0, 1.0, 0.5) for h in np.repeat(rng.uniform(0, 0.5, 20), 2)))
-    assert "12 more not drawn" in arm.posture_figure(many, ARM).figure.get_suptitle()
-    empty = Plan("x", ())
-    assert arm.posture_figure(empty, replace(ARM, gravity=(0.0, 0.0, 0.0))).figure.axes
 
 
 def dataset_of(**changes):

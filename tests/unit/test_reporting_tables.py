@@ -66,13 +66,6 @@ def test_long_words_are_wrapped_not_cut():
     assert "…" not in text and "".join(line.split(" ")[0] for line in text.splitlines()[1:]).startswith(path)
 
 
-def test_rows_without_values_are_left_out_of_parts():
-    """Where a table is split, a part shows only the rows that have something in it."""
-    rows = [[f"effect {r}", *("1" * 8 for _ in range(8)), "2" if r == 1 else ""] for r in range(3)]
-    last = Table("", ["effect", *map(str, range(8)), "arm"], rows).text(52).split("arm")[1]
-    assert "effect 1" in last and "effect 2" not in last
-
-
 def test_markdown_and_html_escape_names():
     """A bar or an angle bracket in a name does not break the table."""
     rows = [line for line in HOSTILE.markdown().splitlines() if line.startswith("|")]

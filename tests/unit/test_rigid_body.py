@@ -4,29 +4,18 @@ import itertools
 
 import numpy as np
 import pytest
-from worlds import course, run_of
+from worlds import course, random_arm, run_of
 
 from pumaid.dataset import Dataset
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 
 #: Relative to the largest torque: what sums of a hundred products lose in double precision.
 EXACT = 1e-12
-
-
-def chain(kinds: str, rng: np.random.Generator) -> Robot:
-    """A serial arm of random placements; R turns, P slides."""
-    words = {"R": "revolute", "P": "prismatic"}
-    angles, lengths = rng.uniform(-np.pi, np.pi, (len(kinds), 2)), rng.uniform(-0.5, 0.5, (len(kinds), 2))
-    joints = [
-        Joint(n, f"j{n}", words[kind], theta=turn[0], alpha=turn[1], a=length[0], d=length[1])
-        for n, (kind, turn, length) in enumerate(zip(kinds, angles, lengths, strict=True), start=1)
-    ]
-    return Robot("random", tuple(joints), tuple(rng.normal(0.0, 6.0, 3)))
 
 
 def engine(robot: Robot, rng: np.random.Generator) -> tuple[pin.Model, np.ndarray]:
@@ -66,7 +55,7 @@ ARMS = [*sorted(shipped_recipes()), "RRP", "PPP", "RPRPR", "PRRRRRR", "RRRRRRRRR
 def test_torques_are_those_of_inverse_dynamics(name):
     """On every recipe and on random chains, slides among them."""
     rng = np.random.default_rng(3)
-    robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else chain(name, rng)
+    robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else random_arm(name, rng)
     model, values = engine(robot, rng)
     motion = states(robot, rng, 40)
     torque = torques(model, motion)
@@ -77,7 +66,7 @@ def test_torques_are_those_of_inverse_dynamics(name):
 def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_shows(name):
     """The rank is that of the engine's own regressor, rotors beside it; what is left out is regrouped into the rest."""
     rng = np.random.default_rng(4)
-    robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else chain(name, rng)
+    robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else random_arm(name, rng)
     model, _ = engine(robot, rng)
     motion, base = states(robot, rng, 200), base_parameters(robot)
     columns = base.dense(*motion).reshape(-1, base.width(1))
@@ -114,7 +103,7 @@ def test_known_arms_have_known_numbers_of_base_parameters(name, widths):
 def test_strokes_and_runs_of_an_engines_arm():
     """Of one joint at a time, friction and the inertia that each feels come back, in A of motors of unknown gains."""
     rng, runs = np.random.default_rng(8), []
-    robot = chain("RRR", rng)
+    robot = random_arm("RRR", rng)
     model, _ = engine(robot, rng)
     gains, friction = rng.uniform(0.5, 2.0, 3), rng.uniform(0.2, 1.0, (3, 2))
     held = [rng.uniform(-1.0, 1.0, 3) for _ in range(4)]

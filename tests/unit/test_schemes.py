@@ -17,63 +17,44 @@ def numbered(*templates: str, n_joints: int = 6, first: int = 0) -> list[str]:
     return [template.format(k + first) for template in templates for k in range(n_joints)]
 
 
-#: Header, joints, expected block. UR's RTDE recorder, Kinova's, ROS topics flattened, LabVIEW-like, names of joints.
+#: Header, and of the expected block time, position, velocity, current and temperature: UR's RTDE recorder, Kinova's,
+#: ROS topics flattened, LabVIEW-like.
 HEADERS = {
     "rtde": (
+        numbered("target_q_{}", "actual_q_{}", "target_qd_{}", "actual_qd_{}", "target_current_{}")
+        + numbered("actual_current_{}", "joint_temperatures_{}"),
         [
             "timestamp",
-            *numbered("target_q_{}", "actual_q_{}", "target_qd_{}", "actual_qd_{}", "target_current_{}"),
-            *numbered("actual_current_{}", "joint_temperatures_{}"),
+            "actual_q_{joint0}",
+            "actual_qd_{joint0}",
+            "actual_current_{joint0}",
+            "joint_temperatures_{joint0}",
         ],
-        {
-            "time": "timestamp",
-            "position": "actual_q_{joint0}",
-            "velocity": "actual_qd_{joint0}",
-            "current": "actual_current_{joint0}",
-            "temperature": "joint_temperatures_{joint0}",
-        },
     ),
     "kinova": (
-        [
-            "Time",
-            *numbered("Position{}", "Velocity{}", "Torque{}", "TorqueCur{}", "Temp{}", "Cur{}", first=1),
-            *numbered("PositionCmptd{}", "VelocityCmptd{}", first=1),
-        ],
-        {
-            "time": "Time",
-            "position": "Position{joint}",
-            "velocity": "Velocity{joint}",
-            "current": "Cur{joint}",
-            "temperature": "Temp{joint}",
-        },
+        numbered("Position{}", "Velocity{}", "Torque{}", "TorqueCur{}", "Temp{}", "Cur{}", first=1)
+        + numbered("PositionCmptd{}", "VelocityCmptd{}", first=1),
+        ["Time", "Position{joint}", "Velocity{joint}", "Cur{joint}", "Temp{joint}"],
     ),
     "ros": (
-        ["time", *numbered("/joint_states/position[{}]", "/joint_states/velocity[{}]", "/motor/current[{}]")],
-        {
-            "time": "time",
-            "position": "/joint_states/position[{joint0}]",
-            "velocity": "/joint_states/velocity[{joint0}]",
-            "current": "/motor/current[{joint0}]",
-        },
+        numbered("/joint_states/position[{}]", "/joint_states/velocity[{}]", "/motor/current[{}]"),
+        ["time", "/joint_states/position[{joint0}]", "/joint_states/velocity[{joint0}]", "/motor/current[{joint0}]"],
     ),
     "units in names": (
-        ["time_ms", *numbered("Axis {} angle (deg)", "Axis {} speed (deg/s)", "Axis {} current (mA)", first=1)],
-        {
-            "time": "time_ms",
-            "position": "Axis {joint} angle (deg)",
-            "velocity": "Axis {joint} speed (deg/s)",
-            "current": "Axis {joint} current (mA)",
-            "units": {"time": "ms", "position": "deg", "velocity": "deg/s", "current": "mA"},
-        },
+        numbered("Axis {} angle (deg)", "Axis {} speed (deg/s)", "Axis {} current (mA)", first=1),
+        ["time_ms", "Axis {joint} angle (deg)", "Axis {joint} speed (deg/s)", "Axis {joint} current (mA)"],
     ),
 }
+UNITS = {"time": "ms", "position": "deg", "velocity": "deg/s", "current": "mA"}
 
 
 @pytest.mark.parametrize("kind", HEADERS)
 def test_known_headers_are_recognised(kind: str) -> None:
     """Measured columns are chosen before wanted and computed ones, and the block is YAML."""
-    header, expected = HEADERS[kind]
-    block = paste_block(header, arm(6))
+    header, names = HEADERS[kind]
+    expected = dict(zip(("time", "position", "velocity", "current", "temperature"), names, strict=False))
+    expected |= {"units": UNITS} if kind == "units in names" else {}
+    block = paste_block([names[0], *header], arm(6))
     assert block is not None and YAML(typ="safe").load(block) == {"log": expected}
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.dataset import Bins, Log, coarser
+from pumaid.dataset import Log
 from pumaid.errors import PumaidError
 from pumaid.preprocessing.segment import SegmentOptions, segment
 from pumaid.robot import Joint, Robot
@@ -156,16 +156,3 @@ def test_impossible_options_are_refused(wrong):
     with pytest.raises(PumaidError, match=str(next(iter(wrong.values())))) as caught:
         SegmentOptions(**wrong)
     assert caught.value.where.field == next(iter(wrong))
-
-
-def test_joining_bins_keeps_sums_and_spread():
-    """Coarser bins have count, means and the variance of all samples about the new means."""
-    current = np.random.default_rng(5).standard_normal(600).cumsum()
-    single, zero, time = np.ones(600, dtype=np.int64), np.zeros(600), np.arange(600) / 100.0
-    fine = Bins(single, time, np.zeros((600, 2)), zero, zero, current, zero, np.full(600, 30.0))
-    joined = coarser(fine, 10)
-    assert joined.count.sum() == 600
-    np.testing.assert_allclose(np.average(joined.current, weights=joined.count), current.mean())
-    blocks = np.array_split(current, np.cumsum(joined.count)[:-1])
-    np.testing.assert_allclose(joined.variance, [block.var() for block in blocks])
-    np.testing.assert_allclose(joined.temperature, 30.0)

@@ -11,7 +11,7 @@ from pumaid.errors import ModelError
 from pumaid.simulation import Noise, draw, table1
 from pumaid.simulation.hidden_effects import parse
 from pumaid.simulation.session import CONTROL, simulate
-from pumaid.trajectory import Motion, Plan, cruise, run_trapezoid, trapezoids
+from pumaid.trajectory import Motion, Plan, cruise, trapezoids
 
 RATE = 200.0
 PUMA = table1.puma560()
@@ -70,23 +70,6 @@ def test_held_joint_is_carried_by_gravity_and_stiction():
     assert np.max(np.abs(lack[held])) < 1.02 * PUMA.breakaway[2] * PUMA.coulomb[2] * 1.15  # uneven by direction
     assert np.max(np.abs(q - q[0])) < 2.5e-3
     assert np.mean(held) > 0.4
-
-
-def test_position_is_the_sum_of_velocity():
-    """Positions follow from velocities without a jump, also from file to file and between postures."""
-    step = np.diff(quiet()["position"], axis=0) - quiet()["velocity"][1:] / CONTROL
-    assert np.max(np.abs(step)) < 1e-8
-    assert np.diff(quiet()["time"]) == pytest.approx(1.0 / CONTROL, abs=1e-9)
-
-
-def test_short_way_never_reaches_the_speed():
-    """On a way too short for the ramp the joint turns to braking before it has the speed, and is there in time."""
-    plan = Plan("PUMA 560", (replace(SHORT.motions[0], end=-0.95, velocity=5.0),))
-    run = run_trapezoid(PUMA.robot, plan.motions[0])
-    assert run.peak < 1.0 and run.cruise[0] == run.cruise[1]
-    log = session(PUMA.with_noise(0.0), plan)
-    assert log["position"][-1, 1] == pytest.approx(-0.95, abs=2e-3)
-    assert np.max(log["velocity"][:, 1]) < 1.2 * run.peak
 
 
 def test_noise_has_the_promised_size():

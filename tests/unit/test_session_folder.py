@@ -80,11 +80,3 @@ def test_other_logs_beside_a_truth_are_not_ours(old, name):
     with pytest.raises(ResultError, match=r"holds logs already"):
         write(old, 2, force=True)
     assert (old / name).read_text() == "mine"
-
-
-def test_a_file_in_place_of_the_folder_is_told(tmp_path):
-    """It is refused, and stays."""
-    (tmp_path / "logs").write_text("mine")
-    with pytest.raises(ResultError) as told:
-        write(tmp_path / "logs", 2)
-    assert told.value.slug == "cannot-write"

@@ -1,14 +1,12 @@
 """Files are written atomically, and folders can be locked."""
 
-import errno
-import os
 import threading
 from pathlib import Path
 
 import pytest
 
 from pumaid.errors import ResultError
-from pumaid.io.write import locked, replacing, write_file
+from pumaid.io.write import locked, write_file
 
 
 def names(folder: Path) -> list[str]:
@@ -25,24 +23,6 @@ def test_content_is_written_and_nothing_else_is_left(tmp_path: Path, capfd: pyte
     assert names(tmp_path / "new") == ["a.txt", "b.bin"]
     write_file(Path("/dev/stdout"), "through")
     assert capfd.readouterr().out == "through"
-
-
-def test_a_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error in the block or a full disk leaves the old content and no part; the message says what to do."""
-    path = tmp_path / "a.txt"
-    write_file(path, "old")
-    with pytest.raises(ValueError, match="half way"), replacing(path) as temporary:
-        temporary.write_text("part")
-        raise ValueError("half way")
-
-    def full(handle: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(ResultError, match="No space left") as caught:
-        write_file(path, "new")
-    assert caught.value.slug == "cannot-write" and "free some space" in caught.value.mend
-    assert path.read_text() == "old" and names(tmp_path) == ["a.txt"]
 
 
 def test_links_and_modes_stay(tmp_path: Path) -> None:
