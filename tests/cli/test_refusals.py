@@ -56,6 +56,8 @@ MISUSE = {
     "segment logs --min-duration 0": "min-duration",
     "segment logs --speed-tolerance 2": "speed-tolerance",
     "report --format gif": "'png', 'svg', 'pdf'",
+    f"report {MODEL} logs --json -o -": "standard output",
+    f"report {MODEL} --json --table csv": "standard output",
     f"export {MODEL} --format c -o -": "Two files",
     f"export {MODEL} --format json -o - --json": "--json",
     f"export {MODEL} --format c --torque-constants 1,2": "ampere",

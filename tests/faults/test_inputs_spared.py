@@ -63,12 +63,3 @@ def test_a_refusal_prints_no_document(arm, monkeypatch, words):
     monkeypatch.chdir(arm)
     found = invoke(*words.split(), "--json", "-o", "logs")
     assert found.exit_code == 3 and found.stdout == "" and "cannot-write" in found.stderr
-
-
-@pytest.mark.parametrize("words", [f"report {MODEL} logs --json -o -", f"report {MODEL} --json --table csv"])
-def test_words_without_sense_are_misuse(arm, monkeypatch, words):
-    """Two things that want standard output are refused before anything is read."""
-    monkeypatch.chdir(arm)
-    before = contents(arm)
-    found = invoke(*words.split())
-    assert found.exit_code == 2 and found.stdout == "" and contents(arm) == before

@@ -1,6 +1,5 @@
 """How logs are cut into batches, windows and files changes nothing; every sample is accounted for."""
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -74,27 +73,3 @@ def _spoilt(log: Log, rng: np.random.Generator) -> Log:
     position[rng.integers(0, len(log), 5), 0] = [np.nan, np.inf, 1e298, -1e300, np.nan]
     current[rng.integers(0, len(log), 40)] = np.nan
     return replace(log, position=position, current=current)
-
-
-def test_memory_does_not_grow_with_the_logs():
-    """Four times as many samples of one endless movement take no more memory at the peak."""
-
-    def endless(n_batches):
-        rng = np.random.default_rng(0)
-        for k in range(n_batches):
-            time = (np.arange(5000) + 5000 * k) / 1000.0
-            position = np.column_stack([0.1 * time, np.zeros_like(time)]) + 1e-4 * rng.standard_normal((5000, 2))
-            current = np.ones((5000, 2)) + 0.1 * rng.standard_normal((5000, 2))
-            yield Log("long.csv", np.arange(5000) + 5000 * k + 2, time, position, None, current, None, k == 0)
-
-    def peak(n_batches):
-        tracemalloc.start()
-        runs = segment(
-            endless(n_batches), robot(World(joints=2)), options=SegmentOptions(window=8192, max_bins=16)
-        ).runs
-        size = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        assert sum(run.samples for run in runs) > 0.99 * 5000 * n_batches
-        return size
-
-    assert peak(60) < 1.3 * peak(15)

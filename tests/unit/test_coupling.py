@@ -1,4 +1,4 @@
-"""Gears that couple joints: the recipe's key, the speeds at which motors turn, and what friction makes of them."""
+"""Gears that couple joints: the speeds at which motors turn, and what friction makes of them."""
 
 from dataclasses import replace
 
@@ -7,8 +7,6 @@ import pytest
 import worlds
 
 from pumaid.effects import catalogue
-from pumaid.errors import Faults, RecipeError
-from pumaid.io.recipe import read_recipe
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Samples
 
@@ -17,16 +15,6 @@ RATIOS = {(5, 4): 0.0139, (6, 4): -0.013, (6, 5): 0.18}
 ARM = Robot(
     "six", tuple(Joint(n, f"j{n}", "revolute", gear_ratio=gear) for n, gear in enumerate(GEARS, 1)), coupling=RATIOS
 )
-
-JOINT = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0}\n"
-GEARED = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0, gear_ratio: 50}\n"
-
-
-def recipe(folder, coupling, joints=GEARED * 6):
-    """The path of a recipe with the line `coupling`."""
-    path = folder / "recipe.yaml"
-    path.write_text(f"name: six\ngravity: [0, 0, -9.8]\ncoupling: {coupling}\njoints:\n{joints}")
-    return path
 
 
 def motor_turns(qd):
@@ -53,42 +41,6 @@ def test_a_joint_that_moves_alone_drives_its_own_friction_at_its_own_speed():
         qd[0, joint] = 0.7
         assert ARM.shaft_velocity(qd)[0, joint] == 0.7
         assert np.all(ARM.shaft_velocity(qd)[0, :joint] == 0.0)
-
-
-def test_a_recipe_states_the_coupling(tmp_path):
-    """Names of one digit run together, longer ones are parted by a bar."""
-    robot = read_recipe(recipe(tmp_path, "{r54: 0.0139, r65: -0.18, r12_9: 0.5}", GEARED * 12))
-    assert robot.coupling == {(5, 4): 0.0139, (6, 5): -0.18, (12, 9): 0.5}
-    assert read_recipe(recipe(tmp_path, "")).coupling == {}
-
-
-@pytest.mark.parametrize(
-    ("coupling", "slug", "words"),
-    [
-        ("{r45: 0.1}", "recipe-bad-value", "one nearer to the base"),
-        ("{r55: 0.1}", "recipe-bad-value", "one nearer to the base"),
-        ("{r74: 0.1}", "recipe-bad-value", "r74 does not name two of the 6 joints"),
-        ("{wrist: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
-        ("{r1210: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
-        ("{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "coupling 1 and 2 couple the same joints"),
-        ("{r54: fast}", "recipe-bad-value", "should be a valid number"),
-    ],
-)
-def test_a_coupling_that_cannot_be_is_refused_with_its_line(tmp_path, coupling, slug, words):
-    """Each fault names the key and the line."""
-    with pytest.raises(RecipeError) as caught:
-        read_recipe(recipe(tmp_path, coupling))
-    assert caught.value.slug == slug
-    assert words in str(caught.value)
-    assert caught.value.where.line == 3
-
-
-def test_joints_that_take_part_need_their_gear_ratios(tmp_path):
-    """The fault is at the joint that lacks it."""
-    with pytest.raises(Faults) as caught:
-        read_recipe(recipe(tmp_path, "{r65: 0.1}", GEARED * 4 + JOINT * 2))
-    assert [fault.where.field for fault in caught.value.faults] == ["joints[5].gear_ratio", "joints[6].gear_ratio"]
-    assert [fault.where.line for fault in caught.value.faults] == [9, 10]
 
 
 #: The pendulum with its second motor turned by the first: the motors' own speeds, by hand, are qd2 + 0.9 * 50/90 qd1.

@@ -74,38 +74,29 @@ def test_the_manuals_example_is_an_effect(written):
 
 
 @pytest.mark.parametrize(
-    ("text", "word"),
+    ("name", "text", "slug", "word"),
     [
-        ("", "not none"),
-        (SHORT + SHORT.replace("Square", "Other"), "Square, Other"),
-        ("import a_module_that_is_not_there", "ModuleNotFoundError"),
-        ("class Own(Exception):\n    pass\nraise Own('no licence')", "Own: no licence"),
-        ("raise SystemExit(0)", "SystemExit: 0"),
-        ("def broken(:\n", "SyntaxError"),
-        (SHORT + "\nclass Child(Square):\n    pass\n", "not Square, Child"),
+        ("square.py", "", "effect-file", "not none"),
+        ("square.py", SHORT + SHORT.replace("Square", "Other"), "effect-file", "Square, Other"),
+        ("square.py", "import a_module_that_is_not_there", "effect-file", "ModuleNotFoundError"),
+        ("square.py", "class Own(Exception): ...\nraise Own('no licence')", "effect-file", "Own: no licence"),
+        ("square.py", "raise SystemExit(0)", "effect-file", "SystemExit: 0"),
+        ("square.py", "def broken(:\n", "effect-file", "SyntaxError"),
+        ("square.py", SHORT + "\nclass Child(Square): ...\n", "effect-file", "not Square, Child"),
+        ("Square.py", SHORT, "effect-file", ""),
+        ("square.txt", SHORT, "effect-file", ""),
+        ("absent.py", None, "effect-file", ""),
+        ("stribeck.py", SHORT, "effect-taken", ""),
+        ("base.py", SHORT, "effect-taken", ""),
     ],
 )
-def test_no_effect_in_the_file(written, text, word):
-    """A file that cannot be run, or does not hold one effect, is refused with the reason and the file's name."""
-    path = written(text)
+def test_no_effect_in_the_file(written, tmp_path, name, text, slug, word):
+    """What cannot be run, does not hold one effect, is not there, or has a name that none can have or one has."""
+    path = tmp_path / name if text is None else written(text, name)
     with pytest.raises(ModelError) as told:
         include(path)
-    assert told.value.slug == "effect-file" and word in str(told.value) and str(path) in str(told.value)
+    assert told.value.slug == slug and word in str(told.value) and path.name in str(told.value)
     assert "square" not in catalogue()
-
-
-@pytest.mark.parametrize(
-    ("name", "slug"),
-    [(name, "effect-file") for name in ("Square.py", "square.txt", "absent.py")]
-    + [(name, "effect-taken") for name in ("stribeck.py", "base.py")],
-)
-def test_wrong_names_are_refused(written, tmp_path, name, slug):
-    """Names that no effect can have, that one has already, and files that are not there."""
-    if name != "absent.py":
-        written(SHORT, name)
-    with pytest.raises(ModelError) as told:
-        include(tmp_path / name)
-    assert told.value.slug == slug
 
 
 @pytest.mark.parametrize(

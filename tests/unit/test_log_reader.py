@@ -210,18 +210,6 @@ def test_what_is_written_reads_back(tmp_path: Path, ending: str) -> None:
         assert np.allclose(one, other, rtol=0, atol=2e-8)
 
 
-def test_a_recipe_turns_units_and_signs(tmp_path: Path) -> None:
-    """Numbers by hand: 90 deg, 10 rpm and 500 mA of a joint counted the other way."""
-    (tmp_path / "a.csv").write_text("time_ms,p0,v0,c0\n0,90,10,500\n10,91,10,500\n")
-    columns = {"time": "time_ms", "position": "p{joint0}", "velocity": "v{joint0}", "current": "c{joint0}"}
-    units = {"time": "ms", "position": "deg", "velocity": "rpm", "current": "mA"}
-    robot = arm(1, **columns, units=units, signs={"position": (-1,), "current": (-1,)})
-    log, _ = read(tmp_path / "a.csv", robot)
-    assert log.time.tolist() == [0.0, 0.01] and log.position[0, 0] == pytest.approx(-np.pi / 2, abs=1e-12)
-    assert log.velocity is not None and log.velocity[0, 0] == pytest.approx(-np.pi / 3, abs=1e-12)
-    assert log.current[0, 0] == -0.5
-
-
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_standard_input_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str) -> None:
     """`-` takes CSV and Parquet from a pipe, with the digest of what came."""

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, PumaidError
-from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe, shipped_recipes, started_from
+from pumaid.robot import Box, Safety, Sphere
 
 GOOD = """\
 name: arm
@@ -241,3 +242,95 @@ def test_the_documents_conversion_is_the_shipped_arm() -> None:
     table = [[float(cell.replace("*", "")) for cell in row] for row in rows]
     arm = read_recipe(shipped_recipes()["ur3e"])
     assert table == [[pytest.approx(np.rad2deg(joint.alpha)), joint.a, joint.d] for joint in arm.joints]
+
+
+BOX = "{name: table, min: [-1, -1, -1], max: [1, 1, -0.02]}"
+BALL = "{link: 3, centre: [0.2, 0, 0], radius: 0.08}"
+JOINT = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0}\n"
+GEARED = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0, gear_ratio: 50}\n"
+SIX = "name: six\ngravity: [0, 0, -9.8]\njoints:\n"
+#: A recipe up to the line of a block.
+HEADS = {
+    "safety": shipped_recipes()["puma560"].read_text(encoding="utf-8") + "safety:\n  ",
+    "coupling": f"{SIX}{GEARED * 6}coupling: ",
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "block", "slug", "words"),
+    [
+        ("safety", "boxs: []", "recipe-bad-key", "did you mean boxes?"),
+        ("safety", "boxes: [{min: [0, 0, 0]}]", "recipe-bad-key", "add max: [x, y, z]"),
+        ("safety", "boxes: [{min: [0, 0, 1], max: [1, 1, 0]}]", "recipe-bad-value", "the box has no inside"),
+        ("safety", "boxes: [{min: [0, 0], max: [1, 1, 1]}]", "recipe-bad-value", "min has too few values"),
+        ("safety", "boxes: [{min: [0, 0, .nan], max: [1, 1, 1]}]", "recipe-bad-value", "finite number"),
+        ("safety", "boxes: [{min: [0, 0, 0], max: [1000, 1, 1]}]", "recipe-bad-value", "m, not mm"),
+        ("safety", f"boxes: [{BOX}, {BOX}]", "recipe-bad-value", "boxes 1 and 2 have the same name"),
+        ("safety", "boxes: 3", "recipe-bad-value", "write [{name: table"),
+        ("safety", "spheres: [{link: 7, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "there is no link 7"),
+        ("safety", "spheres: [{link: -1, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "from 0 (the base) to 6"),
+        ("safety", "spheres: [{link: 1.5, centre: [0, 0, 0], radius: 1}]", "recipe-bad-value", "integer"),
+        ("safety", "spheres: [{link: 1, centre: [0, 0, 0], radius: -1}]", "recipe-bad-value", "greater than 0"),
+        ("safety", "spheres: [{link: 1, centre: [0, 0, 0], radius: 80}]", "recipe-bad-value", "by 1000"),
+        ("safety", "spheres: [{link: 1, center: [0, 0, 0], radius: 1}]", "recipe-bad-key", "did you mean centre?"),
+        ("safety", "margin: -0.1", "recipe-bad-value", "greater than or equal to 0"),
+        ("safety", "tool: [0, 0]", "recipe-bad-value", "tool has too few values"),
+        ("safety", "ignore: [[1, 2]]", "recipe-bad-value", "neighbours"),
+        ("safety", "ignore: [[1, 9]]", "recipe-bad-value", "there is no link 9"),
+        ("coupling", "{r45: 0.1}", "recipe-bad-value", "one nearer to the base"),
+        ("coupling", "{r55: 0.1}", "recipe-bad-value", "one nearer to the base"),
+        ("coupling", "{r74: 0.1}", "recipe-bad-value", "r74 does not name two of the 6 joints"),
+        ("coupling", "{wrist: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
+        ("coupling", "{r1210: 0.1}", "recipe-bad-key", "does not name two of the 6 joints"),
+        ("coupling", "{r54: 0.1, r5_4: 0.1}", "recipe-bad-value", "coupling 1 and 2 couple the same joints"),
+        ("coupling", "{r54: fast}", "recipe-bad-value", "should be a valid number"),
+    ],
+)
+def test_a_wrong_block_is_told_with_its_line(recipe, kind: str, block: str, slug: str, words: str) -> None:
+    """What is forbidden and what gears couple: each fault has its slug, its line and what would mend it."""
+    text = HEADS[kind] + block
+    (fault,) = faults_of(recipe, text)
+    assert (fault.slug, fault.where.line) == (slug, len(text.splitlines())) and words in str(fault)
+
+
+def safety(recipe, block: str) -> Safety | None:
+    """What becomes of a block `safety`."""
+    return recipe(HEADS["safety"] + "\n  ".join(block.splitlines())).safety
+
+
+def test_safety_is_read(recipe) -> None:
+    """Boxes, spheres, tool, margin and ignored links become the record, in m though the file's angles are degrees.
+
+    An empty block means nothing; a box without a name is told by its number; 20 mm are left.
+    """
+    found = safety(recipe, f"tool: [0, 0, 0.1]\nboxes: [{BOX}]\nspheres: [{BALL}]\nmargin: 0.05\nignore: [[6, 4]]")
+    table, ball = Box("table", (-1, -1, -1), (1, 1, -0.02)), Sphere(3, (0.2, 0, 0), 0.08)
+    assert found == Safety((table,), (ball,), (0, 0, 0.1), 0.05, ((4, 6),))
+    assert safety(recipe, "") is None
+    found = safety(recipe, "boxes: [{min: [0, 0, 0], max: [1, 1, 1]}]\nspheres:")
+    assert found == Safety((Box("box 1", (0, 0, 0), (1, 1, 1)),), margin=0.02)
+
+
+def test_faults_of_several_blocks_come_together(recipe) -> None:
+    """In the order of the lines; joints that take part in a coupling need their gear ratios."""
+    block = "margin: 2\n  boxes: [{min: [1, 0, 0]}]\n  spheres: [{link: 9, centre: 3}]"
+    first = len(HEADS["safety"].splitlines())
+    assert [fault.where.line - first for fault in faults_of(recipe, HEADS["safety"] + block)] == [0, 1, 2, 2, 2]
+    found = faults_of(recipe, f"{SIX}{GEARED * 4}{JOINT * 2}coupling: {{r65: 0.1}}\n")
+    told = [(fault.where.field, fault.where.line) for fault in found]
+    assert told == [("joints[5].gear_ratio", 8), ("joints[6].gear_ratio", 9)]
+
+
+def test_the_remarks_of_a_new_recipe_are_a_block(recipe) -> None:
+    """What `pumaid init` writes as remarks on safety is a block that is read, once its marks are taken away."""
+    text = started_from("panda")
+    block = text[text.index("# safety:") :].replace("# ", "", 1).replace("\n# ", "\n").replace("    # ", " # ")
+    found = recipe(text + block).safety
+    assert (len(found.boxes), len(found.spheres), found.tool) == (1, 1, (0, 0, 0.1))
+
+
+def test_a_recipe_states_the_coupling(recipe) -> None:
+    """Names of one digit run together, longer ones are parted by a bar."""
+    robot = recipe(f"{SIX}{GEARED * 12}coupling: {{r54: 0.0139, r65: -0.18, r12_9: 0.5}}\n")
+    assert robot.coupling == {(5, 4): 0.0139, (6, 5): -0.18, (12, 9): 0.5}
+    assert recipe(HEADS["coupling"] + "\n").coupling == {}
