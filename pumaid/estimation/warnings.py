@@ -22,9 +22,8 @@ from pumaid.units import number
 
 #: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
 FAR = 2.0
-#: Share of a joint's current (RMS) that a misfit must be besides, and beyond which it is one whatever the noise: what
-#: runs leave by themselves is much too where something is wrong with their samples.
-SEEN, MOST = 1e-3, 0.5
+#: Share of a joint's current (RMS) that a misfit must be besides.
+SEEN = 1e-3
 #: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs.
 FEWEST, DISOWNED = 8, 4.0
 #: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
@@ -91,8 +90,7 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
         squares, samples = _inside(row.bins)
         noise = float(np.sqrt(np.average(squares, weights=samples)))
         noise = noise if joint.noise_floor is None else min(noise, joint.noise_floor)
-        is_far = misses > max(FAR * noise, SEEN * size)
-        if not is_far and not (misses > MOST * size and len(row.bins.runs) >= FEWEST):
+        if misses <= max(FAR * noise, SEEN * size):
             continue
         text = f"the model's error at joint {joint.joint} is {number(misses)} A RMS"
         name, evidence = _outlier_file(row, system.design)
@@ -105,8 +103,6 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
         floor = joint.noise_floor or 0.0
         level = f"noise floor {number(floor)} A" if 0.0 < floor < misses else f"noise inside runs {number(noise)} A"
         why = f"{text}, its {level}. {advice}"
-        if not is_far:
-            why = f"{text} of a current of {number(size)} A, and noise alone is {number(noise)} A. Is the column right?"
         yield Note("model-misses", why, Where(joint=joint.joint))
 
 

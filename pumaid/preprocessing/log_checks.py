@@ -323,7 +323,8 @@ OTHER_CHECKS = (
     Check("velocity-unrelated",
           _each(lambda j: j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())),
           "the velocity column of joint {joint} does not follow its position: the position changes {j.ratio:.4g} times "
-          "as fast{j.gear}", "speeds are taken from position and time", column="velocity"),
+          "as fast{j.gear}", "speeds are taken from position and time; if it is the clock that is wrong, viscous "
+          "friction is {j.ratio:.3g} times as large as they say", column="velocity"),
     Check("velocity-unrelated", _each(lambda j: j.has_moved and j.integral > 0 and j.agrees < UNRELATED),
           "the velocity column of joint {joint} does not follow its position; their correlation is {j.agrees:.2f}",
           "speeds are taken from position and time", column="velocity"),

@@ -144,6 +144,7 @@ CASES = {
     "degrees read as such": (scaled(velocity=None), {"units": {"position": "deg"}}, "", ""),
     "velocity in deg/s": (scaled(velocity=DEG), {}, "units-disagree", "velocity: deg/s"),
     "velocity's sign": (scaled(velocity=-1.0), {}, "velocity-sign", "sign"),
+    "a clock that is slow": (scaled(velocity=1 / 1.47), {}, "velocity-unrelated", "friction is 1.47 times as large"),
     "velocity of the motor": (scaled(velocity=100.0), {"gear_ratio": 100.0}, "velocity-unrelated", "motor's"),
     "velocities swapped": (lambda log: replace(log, velocity=log.velocity[:, [1, 0, 2]]), {}, "JOINTS-SWAPPED",
                            "1 with velocity 2"),

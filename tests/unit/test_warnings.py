@@ -43,6 +43,13 @@ def test_the_log_that_disagrees_is_named(tmp_path, place, share):
     assert "joint 1" in lines[0] and (share < 1.0 or len(lines) == 1)
 
 
+def test_a_joint_without_any_load_has_no_misfit(tmp_path):
+    """Torque behind the gears of an upright axis is noise alone: nothing is missed."""
+    rng = np.random.default_rng(3)
+    told = notes(tmp_path, [table.assign(i1=rng.normal(0.0, 0.3, len(table))) for table in good(passes=3)])
+    assert "model-misses" not in told
+
+
 #: Slugs, one of which tells -> what is wrong with a column.
 SIGNALS = {
     "current-copied": lambda table: table.assign(i2=table.i1),
