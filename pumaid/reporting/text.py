@@ -508,7 +508,9 @@ def form_sentence(shape: Unexplained, units: str = "rad") -> str:
     if not shape.is_clear:
         return f"No function of position, speed, load, time or travel alone describes it; the closest is {form}."
     peak = f"{number(scale * shape.peak, 3)} {unit}".rstrip()
-    return f"Best described by {form}, largest at {peak}; it explains {percent(shape.share)} of the excess over noise."
+    return (
+        f"Best described by {form}, largest at {peak}; it explains {100 * shape.share:.0f} % of the excess over noise."
+    )
 
 
 def variable_name(shape: Unexplained) -> str:
