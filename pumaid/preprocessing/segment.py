@@ -6,7 +6,7 @@ Any other motion is left out as a piece whose bins hold the means of all joints.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -39,8 +39,6 @@ FEWEST = 6
 REST, SEVERAL = 0, 1_000_000
 #: Standard deviations of a speed that count as surely moving (one false alarm in about 1e5 ticks).
 SURE = 4.5
-#: s within which a held joint's slip ends, and its way as a share of what a held joint may drift during a run.
-SLIP, SLIP_SHARE = 0.25, 0.25
 #: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
 LONE = 1.0
 
@@ -170,7 +168,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             sampled, error = clock.sampling_times(samples.time, samples.position)
             ticks = Ticks.of(sampled, samples.position)
             velocity, moving = _moving(ticks, options)
-            movements = _movements(_codes(velocity, moving, ticks, options))
+            movements = _movements(_codes(velocity, moving))
             stretch = Stretch(samples, part, sampled, error, ticks, velocity)
             pieces = _pieces(stretch, ticks, movements, moving=moving, options=options)
             pieces = _with_blocks(pieces, sampled, options)
@@ -197,25 +195,11 @@ def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Flags]:
     return velocity, speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
 
 
-def _codes(velocity: Floats, moving: Flags, ticks: Ticks, options: SegmentOptions) -> Counts:
-    """(K,) 0 at rest, +joint or -joint by direction, or `SEVERAL`.
-
-    A held joint that gives way by little, for a moment, does not end the motion of another: the moving joint changes
-    the held joints' load, until it passes what their friction holds.
-    """
+def _codes(velocity: Floats, moving: Flags) -> Counts:
+    """(K,) 0 at rest, +joint or -joint by direction, or `SEVERAL`."""
     fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
     signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)
-    code = np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
-    out = code.copy()
-    for part in _movements(code):
-        if part.code != SEVERAL or part.before != part.after or part.before in (None, REST):
-            continue
-        low, high = max(0, part.start - 1), min(len(ticks) - 1, part.stop)
-        way = np.ptp(ticks.position[low : high + 1], axis=0)
-        way[abs(int(part.before)) - 1] = 0.0
-        if ticks.time[high] - ticks.time[low] <= SLIP and way.max() <= SLIP_SHARE * options.held_drift:
-            out[part.start : part.stop] = part.before
-    return out
+    return np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +247,7 @@ def _pieces(
 
 
 def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
-    """Runs and left-out pieces of a movement of one joint."""
+    """Runs and left-out pieces of a movement of one joint; a run is left out where a held joint went too far."""
     joint, time = abs(movement.code), stretch.time
     start, stop = ticks.edges[[movement.start, movement.stop]].tolist()
     position = stretch.log.position[:, joint - 1]
@@ -300,55 +284,40 @@ def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: S
             whole = replace(whole, label="low-speed", figure=peak) if runs else replace(whole, label="too-short")
     out, at = [], start
     for run in runs:
-        out += [replace(whole, start=at, stop=run.start), _unless_drifting(ticks, run, options)]
+        low, high = np.searchsorted(ticks.edges, [run.start, run.stop])
+        held = ticks.position[[low, max(high - 1, low)]]
+        drift = np.where(np.arange(held.shape[1]) == joint - 1, 0.0, np.abs(held[1] - held[0]))
+        out.append(replace(whole, start=at, stop=run.start))
+        if drift.max() > options.held_drift:
+            joints = (joint, int(np.argmax(drift)) + 1)
+            run = replace(run, label="drift-of-held-joint", joints=joints, figure=float(drift.max()))
+        out.append(run)
         at = run.stop
     return [piece for piece in (*out, replace(whole, start=at)) if piece.stop > piece.start]
-
-
-def _unless_drifting(ticks: Ticks, piece: Piece, options: SegmentOptions) -> Piece:
-    """The piece, or its rejection because a held joint went too far."""
-    low, high = np.searchsorted(ticks.edges, [piece.start, piece.stop])
-    position = ticks.position[low : max(high, low + 1)]
-    drift = np.abs(position[-1] - position[0])
-    drift[piece.joints[0] - 1] = 0.0
-    worst = int(np.argmax(drift))
-    if drift[worst] <= options.held_drift:
-        return piece
-    joints = (piece.joints[0], worst + 1)
-    return Piece(piece.start, piece.stop, "drift-of-held-joint", joints, figure=float(drift[worst]))
 
 
 def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> list[Piece]:
     """The pieces, neighbours that move and are no run joined to blocks where they last long enough."""
     if options.kinds in (CONSTANT, STROKE):
         return pieces
-    out: list[Piece] = []
-    waiting: list[Piece] = []
     moving = [piece for piece in pieces if piece.joints]
     steady = sum(_seconds(time, piece) for piece in moving if piece.is_run)
     least = LEAST_BESIDE if steady > TENTH * sum(_seconds(time, piece) for piece in moving) else LEAST_MOTION
 
-    def flush() -> None:
-        while waiting and not waiting[0].joints:
-            out.append(waiting.pop(0))
-        behind: list[Piece] = []
-        while waiting and not waiting[-1].joints:
-            behind.insert(0, waiting.pop())
-        if sum(_seconds(time, piece) for piece in waiting if piece.joints) >= least:
-            joints = sorted({joint for piece in waiting for joint in piece.joints})
-            out.append(Piece(waiting[0].start, waiting[-1].stop, BLOCK, tuple(joints)))
-        else:
-            out.extend(waiting)
-        out.extend(behind)
-        waiting.clear()
+    def parts_motion(piece: Piece) -> bool:
+        return piece.is_run or (not piece.joints and _seconds(time, piece) > PAUSE)
 
-    for piece in pieces:
-        if piece.is_run or (not piece.joints and _seconds(time, piece) > PAUSE):
-            flush()
-            out.append(piece)
-        else:
-            waiting.append(piece)
-    flush()
+    out: list[Piece] = []
+    for is_border, group in groupby(pieces, key=parts_motion):
+        part = list(group)
+        active = [k for k, piece in enumerate(part) if piece.joints]
+        if is_border or sum(_seconds(time, part[k]) for k in active) < least:
+            out += part
+            continue
+        first, last = active[0], active[-1]
+        joints = sorted({joint for k in active for joint in part[k].joints})
+        block = Piece(part[first].start, part[last].stop, BLOCK, tuple(joints))
+        out += [*part[:first], block, *part[last + 1 :]]
     return out
 
 
@@ -414,23 +383,20 @@ def _steady(speed: Floats, reach: int, *, share: float, error: float) -> list[tu
         a, b = waiting.pop()
         level = float(np.median(speed[a:b]))
         inside = _true_ranges(np.abs(speed[a:b] - level) <= share * level + error)
-        if not inside:
-            continue
-        first, last = max(inside, key=lambda part: part[1] - part[0])
-        waiting += [part for part in ((a + last, b), (a, a + first)) if part[1] - part[0] > reach]
-        cores.append((a + first, a + last))
+        if inside:
+            first, last = max(inside, key=lambda part: part[1] - part[0])
+            waiting += [part for part in ((a + last, b), (a, a + first)) if part[1] - part[0] > reach]
+            cores.append((a + first, a + last))
     out: list[tuple[int, int]] = []
     for start, stop in sorted(cores):
-        if out:
-            begin, end = out[-1]
-            before = float(np.median(speed[begin:end]))
-            band = share * before + error
-            is_same = abs(float(np.median(speed[start:stop])) - before) <= band if stop > start else False
-            away = np.abs(speed[end:start] - before).max(initial=0.0)
-            if is_same and away <= HICCUP * band and start - end <= max(end - begin, stop - start):
-                out[-1] = (begin, stop)
-                continue
-        out += [(start, stop)] if stop > start else []
+        begin, end = out[-1] if out else (start, stop)
+        level = float(np.median(speed[begin:end]))
+        hiccup = np.abs(speed[end:start] - level).max(initial=0.0) / HICCUP
+        away = max(abs(float(np.median(speed[start:stop])) - level), hiccup)
+        if out and away <= share * level + error and start - end <= max(end - begin, stop - start):
+            out[-1] = (begin, stop)
+        else:
+            out.append((start, stop))
     return out
 
 
