@@ -377,59 +377,45 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
     ------
     M. Stone, J. R. Stat. Soc. B 36 (1974) 111-147, with clusters left out whole.
     """
-    test = _Folds(solved, shapes)
-    results = np.array([test.losses(joint, runs) for joint, runs in folds])
-    mean = np.sqrt(results[:, 1:3].sum(axis=0) / results[:, 3].sum())
-    return FoldLosses(results[:, 0], float(mean[0]), float(mean[1]))
-
-
-class _Folds:
-    """Products of a fit's derivatives, a candidate's columns with each shape, and the residual, over all runs."""
-
-    def __init__(self, solved: Fit, shapes: Sequence[EffectTerm]) -> None:
-        projector = Projector(solved)
-        self.solved, self.count, self.plain = solved, len(shapes), projector.columns(shapes)
-        self.white = projector.whitened(self.plain)
-        self.cross = projector.crossed(self.white)
-        self.gram = np.sum([columns.T @ columns for columns in self.white.values()], axis=0)
-        slopes = [columns.T @ solved.row(joint).residual for joint, columns in self.white.items()]
-        self.slope = np.sum(slopes, axis=0)
-        whole = np.diagonal(self.gram) - np.sum(self.cross * (solved.inverse @ self.cross), axis=0)
-        self.unit = np.divide(1.0, np.sqrt(np.maximum(whole, 0.0)), out=np.zeros_like(whole), where=whole > 0.0)
-        self.information = solved.information()
-        size = np.sqrt(np.maximum(np.diagonal(self.information), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(self.information / np.outer(size, size))
-        is_determined = values > FLAT * values[-1]
-        self.half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
-
-    def losses(self, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float, float]:
-        """Fall, raw squares before and after weighted by samples, and samples, of one fold."""
-        row = self.solved.row(joint)
+    projector = Projector(solved)
+    plain = projector.columns(shapes)
+    white = projector.whitened(plain)
+    whole_cross, whole = projector.crossed(white), solved.information()
+    gram = np.sum([columns.T @ columns for columns in white.values()], axis=0)
+    slope = np.sum([columns.T @ solved.row(joint).residual for joint, columns in white.items()], axis=0)
+    alone = np.diagonal(gram) - np.sum(whole_cross * (solved.inverse @ whole_cross), axis=0)
+    unit = np.divide(1.0, np.sqrt(np.maximum(alone, 0.0)), out=np.zeros_like(alone), where=alone > 0.0)
+    size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(whole / np.outer(size, size))
+    is_determined = values > FLAT * values[-1]
+    half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
+    falls, squares, width = [], np.zeros(3), len(slope) // len(shapes)
+    for joint, runs in folds:
+        row = solved.row(joint)
         bins = np.isin(row.bins.run, runs)
-        J, r, acting = row.slim[bins], row.residual[bins], row.acting
-        C = self.white[joint][bins] if joint in self.white else np.zeros((len(r), self.cross.shape[1]))
-        training, cross = self.information.copy(), self.cross.copy()
+        J, r, acting, weight = row.slim[bins], row.residual[bins], row.acting, row.bins.count[bins]
+        C = white[joint][bins] if joint in white else np.zeros((len(r), len(slope)))
+        training, cross = whole.copy(), whole_cross.copy()
         training[np.ix_(acting, acting)] -= J.T @ J
         cross[acting] -= J.T @ C
-        inverse = _inverse(training, self.half)
+        inverse = _inverse(training, half)
         move = -inverse[:, acting] @ (J.T @ r)
         turned = inverse @ cross
-        score = self.slope - C.T @ r - cross.T @ move
-        remaining = self.gram - C.T @ C - cross.T @ turned
-        best, place, sizes, width = -np.inf, slice(0), np.zeros(0), len(self.slope) // self.count
-        for part in (slice(start, start + width) for start in range(0, len(self.slope), width)):
-            fitted = _inverse(remaining[part, part], np.diag(self.unit[part])) @ score[part]
-            gain = float(score[part] @ fitted)
-            if gain > best:
-                best, place, sizes = gain, part, fitted
-        error, bare, weight = r - J @ move[acting], row.bare[bins], row.bins.count[bins]
+        score = slope - C.T @ r - cross.T @ move
+        remaining = gram - C.T @ C - cross.T @ turned
+        parts = [slice(start, start + width) for start in range(0, len(slope), width)]
+        fitted = [_inverse(remaining[part, part], np.diag(unit[part])) @ score[part] for part in parts]
+        best = int(np.argmax([score[part] @ sizes for part, sizes in zip(parts, fitted, strict=True)]))
+        place, sizes = parts[best], fitted[best]
+        error, bare = r - J @ move[acting], row.bare[bins]
         after = error - (C - J @ turned[acting])[:, place] @ sizes
         raw = row.misfit[bins] - bare @ move[acting]
-        drawn = self.plain[joint][bins, place] if joint in self.plain else 0.0
+        drawn = plain[joint][bins, place] if joint in plain else 0.0
         raw_after = raw - (drawn - bare @ turned[acting, place]) @ sizes
-        inside = float(weight @ row.bins.inside[bins])
-        squares = (float(weight @ raw**2) + inside, float(weight @ raw_after**2) + inside)
-        return float(error @ error - after @ after), *squares, float(weight.sum())
+        inside = weight @ row.bins.inside[bins]
+        falls.append(float(error @ error - after @ after))
+        squares += (weight @ raw**2 + inside, weight @ raw_after**2 + inside, weight.sum())
+    return FoldLosses(np.array(falls), *np.sqrt(squares[:2] / squares[2]).tolist())
 
 
 def _inverse(information: Floats, half: Floats) -> Floats:

@@ -112,21 +112,14 @@ def record(
         run = run and replace(run, clock=clock)
         n_lost -= len(measured) if run else 0
         piece = replace(piece, label="no-current")
-    return run, _reject(stretch, piece, log, samples=n_lost, robot=robot, options=options, clock=clock)
-
-
-def _reject(
-    stretch: Stretch, piece: Piece, log: Log, *, samples: int, robot: Robot, options: SegmentOptions, clock: int
-) -> Reject | None:
-    """So many samples of a piece as no run, with the reason; where something moved, with the means of all joints."""
-    if not samples:
-        return None
+    if not n_lost:
+        return run, None
     duration, bins = float(log.time[-1] - log.time[0]), None
     if piece.joints and stretch.ticks is not None:
         starts, count = spans(log.time, options.reject_bins)
-        time, ticks = mean_times(log.time, starts), stretch.ticks.time
+        time = mean_times(log.time, starts)
         position, current = (finite_means(values, starts) for values in (log.position, log.current))
-        velocity = np.column_stack([np.interp(time, ticks, column) for column in stretch.velocity.T])
+        velocity = np.column_stack([np.interp(time, stretch.ticks.time, column) for column in stretch.velocity.T])
         bins = Means(count, time, position, velocity, current)
     units = [robot.joint(joint).position_unit for joint in piece.joints] or ["rad"]
     text = REASONS[piece.label].format(
@@ -137,22 +130,12 @@ def _reject(
         last_unit=units[-1],
         figure=number(piece.figure, 3),
         duration=number(duration, 3),
-        samples=samples,
+        samples=n_lost,
         options=options,
     )
-    return Reject(
-        origin=log.origin,
-        first_row=int(log.rows[0]),
-        last_row=int(log.rows[-1]),
-        start=float(log.time[0]),
-        duration=duration,
-        joints=piece.joints,
-        reason=piece.label,
-        text=text,
-        samples=samples,
-        bins=bins,
-        clock=clock,
-    )
+    rows, start = (int(log.rows[0]), int(log.rows[-1])), float(log.time[0])
+    facts = (log.origin, *rows, start, duration, piece.joints, piece.label, text, n_lost)
+    return run, Reject(*facts, bins=bins, clock=clock)
 
 
 def _run(
