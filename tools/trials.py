@@ -39,6 +39,7 @@ from pumaid.effects import catalogue
 from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
+from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Noise, Truth, draw, table1
 from pumaid.simulation.hidden_effects import Hidden
@@ -211,16 +212,7 @@ def planning(options: argparse.Namespace) -> Iterator[str]:
 def through_logs(arm: Robot, motions: Plan, seed: int) -> Estimate:
     """One experiment on the robot of Table I, through its logs; held-out runs are not fitted."""
     logs = simulate(arm, motions, truth=replace(table1.puma560(), robot=arm), seed=seed, rate=100.0)
-    dataset = segment(logs, arm)
-    heldout = [motion for motion in motions.motions if motion.purpose == "heldout"]
-    runs = []
-    for run in dataset.runs:
-        alike = (motion for motion in heldout if motion.joint == run.joint)
-        alike = (motion for motion in alike if abs(abs(run.speed) / motion.velocity - 1.0) < 0.05)
-        apart = (np.delete(run.posture - np.array(motion.hold), run.joint - 1) for motion in alike)
-        if not any(np.all(np.abs(distance) < 0.01) for distance in apart):
-            runs.append(run)
-    return identify(replace(dataset, runs=tuple(runs)), replace(arm, effects=()))
+    return identify(match_with_plan(segment(logs, arm), motions), replace(arm, effects=()))
 
 
 def _values(arm: Robot, motions: Plan, seed: int) -> dict[str, float]:

@@ -1,8 +1,11 @@
-"""Bytes and bins changed at random: no traceback, no silent wrong number, whatever they hit."""
+"""One fault in a good experiment, or bytes at random: refused, flagged or as good as before; no traceback."""
 
 from pathlib import Path
 
-from faulty import COLUMNS, RECIPE, contents, csv, good, invoke, outcome
+import pytest
+from faulty import COLUMNS, RECIPE, contents, csv, good, invoke, outcome, slugs_of
+from faulty_logs import all_logs
+from faulty_recipes import all_recipes
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -89,3 +92,19 @@ def test_cells_of_any_value(arm, row, count, column, value):
 def test_any_bytes_at_all(arm, data, path):
     """Bytes that were never a log or a recipe."""
     assert judged(arm, path, data) in FINE
+
+
+def test_the_good_experiment_is_good(arm):
+    """Without a fault nothing is said, and the parameters are those that the logs were made with."""
+    found = invoke("identify", str(arm / "logs"), "--json")
+    assert slugs_of(found.stderr) == set()
+    assert outcome(found, arm, {}) == "agrees"
+
+
+@pytest.mark.parametrize("fault", all_logs() + all_recipes(), ids=lambda fault: f"{fault.kind}: {fault.name}")
+def test_a_fault_is_never_silent(arm, fault):
+    """No traceback; old results whole and one message with a mend, or the good log's numbers, or a warning."""
+    before = contents(arm / "results")
+    fault.change(arm)
+    found = invoke("identify", str(arm / "logs"), "--json")
+    assert outcome(found, arm, before) in ("refused", "flagged", "agrees")

@@ -21,27 +21,22 @@ def off(time, truth):
     return float(np.std(time - truth))
 
 
-def whole_milliseconds(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return np.floor(time * 1e3) / 1e3
-
-
-def single_precision(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Seconds of a day."""
-    return np.round(time / 2.0**-9) * 2.0**-9
-
-
-def arrival(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return np.sort(time + rng.exponential(0.001, len(time)))
+#: What becomes of true instants, with random numbers at hand; single precision is of the seconds of a day.
+STAMPS = {
+    "whole milliseconds": lambda time, rng: np.floor(time * 1e3) / 1e3,
+    "single precision": lambda time, rng: np.round(time / 2.0**-9) * 2.0**-9,
+    "arrival": lambda time, rng: np.sort(time + rng.exponential(0.001, len(time))),
+}
 
 
 @pytest.mark.parametrize("seed", [11, 12])
 @pytest.mark.parametrize(
     ("stamps", "rate", "lost"),
     [
-        *((whole_milliseconds, rate, 0.0) for rate in (62.3, 137.0, 300.0, 700.0)),
-        (whole_milliseconds, 137.0, 0.02),
-        (single_precision, 137.0, 0.0),
-        (arrival, 125.0, 0.0),
+        *(("whole milliseconds", rate, 0.0) for rate in (62.3, 137.0, 300.0, 700.0)),
+        ("whole milliseconds", 137.0, 0.02),
+        ("single precision", 137.0, 0.0),
+        ("arrival", 125.0, 0.0),
     ],
 )
 def test_stamps_are_freed_of_most_of_their_errors(stamps, rate, seed, lost):
@@ -50,7 +45,7 @@ def test_stamps_are_freed_of_most_of_their_errors(stamps, rate, seed, lost):
     time, position = arm(rate, seed=seed)
     logged = rng.random(len(time)) >= lost
     time, position = time[logged], position[logged]
-    wrong = stamps(time, rng)
+    wrong = STAMPS[stamps](time, rng)
     out, error = sampling_times(wrong, position)
     assert off(out, time) < 0.5 * off(wrong, time) and (np.diff(out) > 0).all()
     assert error == pytest.approx(off(wrong, time), rel=0.25)

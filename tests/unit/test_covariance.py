@@ -92,10 +92,6 @@ def solved(target: np.ndarray) -> Recursion:
     return found
 
 
-def unknowns(found: Recursion) -> np.ndarray:
-    return np.array([*found.values, *(found.gains.edge[edge] for edge in found.gains.edges)])
-
-
 def noise(seed: int) -> np.ndarray:
     """White noise and a level a run, as strong."""
     rng = np.random.default_rng(seed)
@@ -108,7 +104,7 @@ def test_covariance_of_the_recursion_is_that_of_noisy_solutions():
     for seed in range(500):
         target = EXACT + noise(seed)
         found = solved(target)
-        draws.append(unknowns(found))
+        draws.append([*found.values, *(found.gains.edge[edge] for edge in found.gains.edges)])
         if seed < 60:
             system = Bilinear(ROW, REGRESSORS, target, OWNERS)
             tables.append(recursion_covariance(system, found.values, found.gains, runs=RUN).covariance)

@@ -46,12 +46,6 @@ def estimates(lab: Lab, din: Din, pattern: float = 0.0) -> list[NoiseModel]:
     return [noise_of(one, same + drawn) for drawn in draws]
 
 
-@cache
-def unrepeated() -> Lab:
-    """The lever's experiment with no run made twice."""
-    return Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.25, 0.35, 0.5, 0.7, 1.0, 1.5), repeats=1))
-
-
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.8])
 @pytest.mark.parametrize("pattern", [0.0, 0.1])
 def test_replicates_show_the_noise_whatever_the_model_misses(correlation, pattern):
@@ -68,7 +62,8 @@ def test_replicates_show_the_noise_whatever_the_model_misses(correlation, patter
 def test_without_replicates_missing_physics_passes_for_noise():
     """The residual alone takes what the runs share for noise: twice the spread here; none where nothing hides."""
     din = Din(spread=0.01, correlation=0.5, level=0.006)
-    clean, missing = (estimates(unrepeated(), din, pattern) for pattern in (0.0, 0.03))
+    unrepeated = Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.25, 0.35, 0.5, 0.7, 1.0, 1.5), repeats=1))
+    clean, missing = (estimates(unrepeated, din, pattern) for pattern in (0.0, 0.03))
     assert not any(one.from_replicates for one in clean + missing)
     assert np.mean([one.spread.mean() for one in clean]) == pytest.approx(0.01, rel=0.05)
     assert np.mean([one.spread.mean() for one in missing]) > 2.0 * 0.01

@@ -1,12 +1,13 @@
-"""Laws of friction, drive and sensor against what the books say of them, worked out another way."""
+"""Laws of effects against what the books say of them, worked out another way; where they cannot act."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import PENDULUM
+from worlds import CRANE, PENDULUM
 
 from pumaid.effects import Trace, catalogue
+from pumaid.robot import Joint, Robot
 from pumaid.samples import Extent, Loads, Samples
 
 COUNT = 50
@@ -112,3 +113,39 @@ def test_long_campaigns_try_few_instants():
     long = replace(EXTENT, starts=tuple(60.0 * k for k in range(500)))
     times = [start["time"] for start in catalogue()["friction_step"].grid(PENDULUM, long)]
     assert len(times) == 40 and times[0] < 60.0 and times[-1] > 498 * 60.0
+
+
+def test_prismatic_load_on_a_turning_joint():
+    """The mass beyond a slide presses the turning joint before it by its displacement, offset included."""
+    # The crane's first axis is level; with both turning joints at 0 the slide points along its link.
+    position = np.array([[0.3, 0.2, 0.0], [0.3, 0.5, 0.0]])
+    columns = catalogue()["gravity"].columns(CRANE, Samples(1, position, np.zeros((2, 3))), number=2)
+    assert columns[1, 0] / columns[0, 0] == pytest.approx((0.5 + 0.1) / (0.2 + 0.1))
+
+
+#: A turning joint and a slide, both upright: the one feels no weight, the other always the same.
+UPRIGHT = Robot("upright", (Joint(1, "turn", "revolute"), Joint(2, "slide", "prismatic")))
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "word"),
+    [
+        ("load_friction", 1, "gravity"),
+        ("load_friction", 2, "Coulomb"),
+        ("delay", 1, "gravity"),
+        ("flexibility", 2, "slides"),
+        ("counterbalance", 2, "Coulomb"),
+        ("zero_offset", 1, "gravity"),
+        ("zero_offset", 2, "lever"),
+        ("coupling", 1, "before"),
+    ],
+)
+def test_refuses_where_it_cannot_act(name, joint, word):
+    """An effect says why it cannot act at a joint."""
+    assert word in str(catalogue()[name].applies(UPRIGHT, joint))
+
+
+@pytest.mark.parametrize("name", ["load_friction", "flexibility", "delay", "payload", "side_load_friction"])
+def test_acts_where_gravity_does(name):
+    """Effects of the load act on a joint whose axis is level."""
+    assert catalogue()[name].applies(PENDULUM, 1) is None

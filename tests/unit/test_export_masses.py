@@ -33,12 +33,9 @@ def given(robot) -> dict[int, float]:
 
 def weight(robot, estimate, position: np.ndarray) -> np.ndarray:
     """(N, J) A of gravity: the mean of both directions, what friction leaves at no speed taken out."""
-    still = replace(estimate, solution=np.where(_is_gravity(estimate), estimate.solution, 0.0))
+    is_gravity = [name.startswith("gravity.") for name in estimate.names]
+    still = replace(estimate, solution=np.where(is_gravity, estimate.solution, 0.0))
     return predicted(robot, still, position, velocity=np.ones_like(position))
-
-
-def _is_gravity(estimate) -> list[bool]:
-    return [name.startswith("gravity.") for name in estimate.names]
 
 
 def by_pinocchio(text: str, robot, position: np.ndarray) -> np.ndarray:

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from scipy import stats
-from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, only, puma, truth_in_units
+from worlds import CRANE, PENDULUM, STANFORD, arm, dataset, drawn, experiment, only, puma, truth_in_units
 
 from pumaid.dataset import Campaign, Dataset
 from pumaid.estimation.estimate import identify
 from pumaid.joint_bins import samples_of
 from pumaid.model import Model
-from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, table1
 
 PUMA = puma()
@@ -67,13 +66,7 @@ def test_recursion_tells_no_ratio_of_a_load_left_open(missing):
 
 def test_a_ratio_beyond_a_joint_that_carries_nothing():
     """On a SCARA whose slide keeps its angle to gravity, eta2/eta4 is told though eta2/eta3 and eta3/eta4 are not."""
-    twists = (0.0, 0.0, np.pi, 0.0)
-    kinds = ("revolute", "revolute", "prismatic", "revolute")
-    joints = tuple(
-        Joint(n, f"j{n}", kind, alpha=twist, a=0.3, d=0.1)
-        for n, (kind, twist) in enumerate(zip(kinds, twists, strict=True), start=1)
-    )
-    robot = Robot("SCARA on a slope", joints, gravity=(6.9, 0.0, -6.9))
+    robot = arm("RRPR", [0.0, 0.0, np.pi, 0.0], gravity=(6.9, 0.0, -6.9))
     truth = drawn(robot, noisy=False)
     known = truth.parameters()
     found = identify(dataset(truth, experiment(robot)), robot)

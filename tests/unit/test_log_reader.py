@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from pumaid.dataset import Log
 from pumaid.errors import LogError
-from pumaid.io.formats import csv_text
+from pumaid.io.formats import csv_text, floats
 from pumaid.io.log_reader import LogReader
 from pumaid.io.write import write_log
 from pumaid.robot import Joint, LogFormat, Robot
@@ -435,3 +435,14 @@ def test_comments_before_and_behind_the_header_are_no_rows(tmp_path: Path, place
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     log, reader = read(tmp_path / "a.csv", arm())
     assert same(replace(log, rows=motion(40).rows), motion(40)) and not reader.notes
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3, 1.0])
+def test_any_slice_has_its_own_numbers(missing):
+    """What lacks is told by single bits, which a slice may begin with anywhere."""
+    rng = np.random.default_rng(1)
+    whole = pa.array(rng.normal(size=70), mask=rng.random(70) < missing)
+    for start, stop in np.sort(rng.integers(0, 71, (100, 2)), axis=1).tolist():
+        part = whole.slice(start, stop - start)
+        wanted = np.array([np.nan if value is None else value for value in part.to_pylist()], dtype=float)
+        np.testing.assert_array_equal(floats(part), wanted)

@@ -10,13 +10,11 @@ import report_contexts
 from ladders import ladder
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Polygon
-from motion_worlds import World, make, robot
-from test_reporting_tables import ARM, PLAN
+from test_reporting_tables import ARM, PLAN, dataset_of
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import compare
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.preprocessing.segment import segment
 from pumaid.reporting.context import ReportContext
 from pumaid.reporting.figures import arm, model, residuals, runs
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, INLINE, styled
@@ -179,12 +177,6 @@ def test_titles_of_postures_do_not_overlap():
     texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
     boxes = [text.get_window_extent() for text in (*texts, *figure.texts) if text.get_text()]
     assert [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)] == []
-
-
-def dataset_of(**changes):
-    """The dataset of a small world."""
-    world = World(motions=4, rate=200.0, **changes)
-    return segment(make(world, 3).logs, robot(world)), robot(world)
 
 
 def test_runs_are_drawn_in_the_unit_asked_for():
