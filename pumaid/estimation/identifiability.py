@@ -16,6 +16,8 @@ from pumaid.estimation.covariance import Clustered, completed, interval, two_sid
 from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.noise import freedoms
 from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
+from pumaid.joint_bins import SAME_POSTURE
+from pumaid.kinematics import posture_groups
 from pumaid.maths import Counts, Floats
 from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
 from pumaid.samples import Samples
@@ -381,26 +383,39 @@ def _sum(
 def _felt(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str, str, float]]:
     """Weights, text, unit and size of what a joint feels in each posture that was run: the gravity load of a revolute
     one at positions 0 and a quarter turn, and where it went from rest to rest its inertia, which acted with that
-    acceleration.
+    acceleration and knows the outer joints' positions only.
     """
     model, number, bins = fitted.fitted.model, row.joint, row.bins
     joint, has_weight = model.robot.joint(number), np.array([c.effect == "gravity" for c in model.columns])
-    held = np.nan_to_num(np.array([run.posture for run in bins.runs]))
-    is_stroke = np.array([run.kind == STROKE for run in bins.runs])
-    size = float(np.sqrt(np.mean(bins.samples.acceleration[is_stroke[bins.run]] ** 2))) if is_stroke.any() else 0.0
-    strokes = [group for group in bins.postures if is_stroke[list(group)].any()]
-    for place, group in enumerate([*bins.postures[:MOST_POSTURES], *strokes[:MOST_POSTURES]]):
-        position = np.tile(held[group[0]], (3, 1))
-        position[1, number - 1] = math.pi / 2.0
-        base = model.base(Samples(number, position, np.zeros_like(position), np.array([0.0, 0.0, 1.0]), np.ones(3)))
-        base[2] -= base[0]
-        rows = np.pad(base, ((0, 0), (0, len(has_weight) - base.shape[1])))
-        rows[:2] *= has_weight
-        felt = Bilinear(np.full(3, number - 1), rows, np.zeros(3), fitted.fitted.system.owners)
-        weights = felt.jacobian(fitted.solution.gains, fitted.solution.values)
-        which = f" (posture {bins.postures.index(group) + 1})" if len(bins.postures) > 1 else ""
-        if place >= len(bins.postures[:MOST_POSTURES]):
-            yield weights[2], f"inertia felt by joint {number}{which}", f"A s2/{joint.position_unit}", size
-        elif joint.is_revolute:
-            yield weights[0], f"weight felt by joint {number} at position 0{which}", "A", 1.0
-            yield weights[1], f"weight felt by joint {number} a quarter turn on{which}", "A", 1.0
+    held = np.array([run.posture for run in bins.runs])
+    strokes = np.flatnonzero([run.kind == STROKE for run in bins.runs])
+    pulls = bins.samples.acceleration[np.isin(bins.run, strokes)]
+
+    def weights(posture: Floats, angle: float, pull: float) -> Floats:
+        """(P,) A by each parameter and ratio at rest, the joint at an angle, or what a unit of acceleration adds."""
+        position = np.tile(np.nan_to_num(posture), (2, 1))
+        position[:, number - 1] = angle
+        still = np.zeros_like(position)
+        base = model.base(Samples(number, position, still, np.array([0.0, pull]), np.ones(2)))
+        part = base[:1] * has_weight[: base.shape[1]] if pull == 0.0 else base[1:] - base[:1]
+        whole = np.pad(part, ((0, 0), (0, len(has_weight) - base.shape[1])))
+        felt = Bilinear(np.full(1, number - 1), whole, np.zeros(1), fitted.fitted.system.owners)
+        return np.asarray(felt.jacobian(fitted.solution.gains, fitted.solution.values)[0])
+
+    for group in bins.postures[:MOST_POSTURES] if joint.is_revolute else ():
+        which = _held_at(held[group[0]], "others") if len(bins.postures) > 1 else ""
+        yield weights(held[group[0]], 0.0, 0.0), f"weight felt by joint {number} at position 0{which}", "A", 1.0
+        text = f"weight felt by joint {number} a quarter turn on{which}"
+        yield weights(held[group[0]], math.pi / 2.0, 0.0), text, "A", 1.0
+    groups = posture_groups(held[strokes][:, number:], SAME_POSTURE) if len(strokes) else []
+    for members in groups[:MOST_POSTURES]:
+        posture = held[strokes[members[0]]]
+        which = _held_at(posture[number:], "outer joints") if len(groups) > 1 else ""
+        text, size = f"inertia felt by joint {number}{which}", float(np.sqrt(np.mean(pulls**2)))
+        yield weights(posture, 0.0, 1.0), text, f"A s2/{joint.position_unit}", size
+
+
+def _held_at(posture: Floats, joints: str) -> str:
+    """Where the joints of a posture are held, as a part of a sentence."""
+    places = ", ".join("-" if math.isnan(position) else f"{position:.2f}" for position in posture)
+    return f", {joints} at ({places})"
