@@ -20,8 +20,8 @@ from pumaid.units import factor, number
 _LONGEST, _MOST = 1440.0, 200
 #: A standard error above this share of a ratio leaves it unknown.
 _WEAK = 0.5
-#: m off its axis at which a payload is suggested, and kg m that it has at least.
-_LEVER, _LEAST = 0.1, 0.02
+#: m off its axis at which a payload is suggested.
+_LEVER = 0.1
 
 
 def plan(
@@ -139,21 +139,13 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> Iterator[Note]:
     name = f"gain_ratio.{n - 1}.{n}"
     if name not in promised or not truth.robot.joint(n).is_revolute:
         return
-    share, mass = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots]))), 0.5
-    what = f"cannot be identified with the weight that this arm has: its predicted error is {number(share, 2)} times"
-    text = f"{what} its value."
-    if truth.given_constants is None:
-        moments = [np.hypot(t.constants.x[-1], t.constants.y[-1]) / abs(t.gain[-1]) for t in prior.robots]
-        least = max(float(np.median(moments)) * share / _WEAK, _LEAST)
-        mass = least / _LEVER
+    share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
+    if share >= _WEAK:
         text = (
-            f"is seen only if link {n} has about {number(least, 2)} kg m (mass times distance) or more off its axis;"
-            " a bare flange often has less."
+            f"{name} cannot be identified with the weight that this arm has: its predicted error is {number(share, 2)}"
+            f" times its value. A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload 0.5,{_LEVER:g},0,0"
         )
-    elif share < _WEAK:
-        return
-    hint = f"A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload {mass:.2g},{_LEVER:g},0,0"
-    yield Note("plan-needs-weight", f"{name} {text} {hint}", Where(joint=n))
+        yield Note("plan-needs-weight", text, Where(joint=n))
 
 
 def tilt_notes(planner: Planner) -> Iterator[Note]:

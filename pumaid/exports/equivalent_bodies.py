@@ -13,6 +13,7 @@ from pumaid.exports.formulas import Formulas
 from pumaid.kinematics import turn_of_z
 from pumaid.maths import Floats
 from pumaid.robot import Robot
+from pumaid.simulation.virtual_robot import Links, gravity_load
 from pumaid.structure import minimal
 
 #: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.
@@ -90,21 +91,6 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
         mount=turn_of_z(-g).T if g.any() else np.eye(3),
         remarks=tuple(remarks),
     )
-
-
-def weight_of(robot: Robot, position: Floats, *, masses: Floats, centres: Floats) -> Floats:
-    """(N, J) N m or N that hold a chain of bodies still at (N, J) positions."""
-    frames, places = robot.frames(position)
-    points = places + np.einsum("mjkp,jp->mjk", frames, centres)
-    g, z = np.array(robot.gravity, dtype=float), frames[..., 2]
-    out = np.empty_like(position)
-    for i, turns in enumerate(robot.is_revolute):
-        if turns:
-            levers = np.einsum("j,mjk->mk", masses[i:], points[:, i:] - places[:, i, None])
-            out[:, i] = np.einsum("mk,mk->m", np.cross(z[:, i], g), levers)
-        else:
-            out[:, i] = -(z[:, i] @ g) * masses[i:].sum()
-    return out
 
 
 def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
@@ -189,7 +175,7 @@ def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats
     rng = np.random.default_rng(SEED)
     position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
     wanted = formulas.weight(position) * torques
-    off = weight_of(robot, position, masses=masses, centres=centres) - wanted
+    off = gravity_load(robot, Links(masses, centres), position) - wanted
     hides = {joint - 1 for joint in minimal(robot).embodied}
     scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
     out = []

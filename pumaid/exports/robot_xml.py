@@ -2,7 +2,9 @@
 
 import textwrap
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
 
 from pumaid.exports.base import Subject, commented
 from pumaid.exports.equivalent_bodies import Bodies
@@ -14,23 +16,17 @@ _PHYSICS = (
 )
 
 
-def spaced(values: Iterable[float]) -> str:
-    """Numbers as XML attributes hold them, none rounded, zero without a sign."""
-    return " ".join(repr(float(value) + 0.0) for value in values)
-
-
 def xml_name(text: str) -> str:
     """A name without what XML cannot hold, such as control characters."""
     return "".join(letter if letter.isprintable() else "_" for letter in text)
 
 
-def add(parent: ET.Element, tag: str, **attributes: str | float | Iterable[float]) -> ET.Element:
-    """A new element in `parent`; numbers are written as `spaced` does."""
-    texts = {
-        name: value if isinstance(value, str) else spaced([value] if isinstance(value, float) else value)
-        for name, value in attributes.items()
-    }
-    return ET.SubElement(parent, tag, texts)
+def add(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
+    """A new element in `parent`; no number is rounded, and zero has no sign."""
+    out = ET.SubElement(parent, tag)
+    for name, value in attributes.items():
+        out.set(name, value if isinstance(value, str) else " ".join(repr(x + 0.0) for x in np.ravel(value).tolist()))
+    return out
 
 
 def bodies_of(subject: Subject) -> Bodies:

@@ -12,7 +12,7 @@ import jinja2
 import numpy as np
 
 from pumaid.exports.base import Form, Subject, commented
-from pumaid.exports.formulas import Lack, Term
+from pumaid.exports.formulas import Lack
 from pumaid.maths import Floats
 
 #: Width of text in comments.
@@ -45,14 +45,10 @@ class SourceForm(Form):
         tables |= {name: getattr(formulas, name) for name in fields}
         start, end, _ = self.brackets
         terms = sorted(formulas.terms, key=lambda term: term.joint)
-        holds, frictions = (
-            [
-                {"joint": t.joint, "effect": t.effect, "text": self._text(t)}
-                for t in terms
-                if t.is_friction == is_friction
-            ]
-            for is_friction in (False, True)
-        )
+        kinds: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
+        for term in terms:
+            text = ast.unparse(_Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval")))
+            kinds[term.is_friction].append({"joint": term.joint, "effect": term.effect, "text": text})
         values: dict[str, Any] = {name: self._table(table) for name, table in tables.items()} | {
             "name": subject.name,
             "NAME": subject.name.upper(),
@@ -61,8 +57,8 @@ class SourceForm(Form):
             "head": head(subject, self.left_out(subject)),
             "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
             "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
-            "holds": holds,
-            "frictions": [(joint, list(group)) for joint, group in groupby(frictions, key=itemgetter("joint"))],
+            "holds": kinds[False],
+            "frictions": [(joint, list(group)) for joint, group in groupby(kinds[True], key=itemgetter("joint"))],
         }
         values |= {f"uses_{quantity}": formulas.uses(quantity) for quantity in ("slope", "tilt", "across")}
         environment = jinja2.Environment(
@@ -74,10 +70,6 @@ class SourceForm(Form):
             undefined=jinja2.StrictUndefined,
         )
         return {PurePath(name).suffixes[0]: environment.get_template(name).render(values) for name in self.templates}
-
-    def _text(self, term: Term) -> str:
-        """The formula of a term in the language."""
-        return ast.unparse(_Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval")))
 
     def _table(self, values: Floats) -> str:
         """Numbers, none rounded, rows on lines of their own."""

@@ -14,7 +14,7 @@ from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.tables import parameter_table
 from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
-from pumaid.results.history import History, Rung
+from pumaid.results.history import History
 from pumaid.robot import Robot
 
 #: Forms of a table, with their suffix.
@@ -175,24 +175,24 @@ def budget_document(budget: Budget) -> dict[str, Any]:
 
 def history_document(history: History) -> dict[str, Any]:
     """The entries of a history's JSON document after its heading."""
+    errors = "joint runs samples rmse heldout heldout_runs noise_floor"
     ladders = [
         _entries(ladder, "robot recipe logs")
         | {
             "apart": ladder.apart or None,
             "path": [rung.number for rung in ladder.path],
-            "models": [_rung_document(rung) for rung in ladder.rungs],
+            "models": [
+                {"model": rung.number, "sha256": rung.digest, "from": rung.parent, "current": rung.is_current}
+                | {"file": rung.path.name, "effects": rung.estimate.effects}
+                | _entries(rung, "added removed")
+                | rung.whole
+                | {"joints": [_entries(fit, errors) for fit in rung.estimate.joints]}
+                for rung in ladder.rungs
+            ],
         }
         for ladder in history.ladders
     ]
     return _entries(history, "folder current notes") | {"ladders": ladders}
-
-
-def _rung_document(rung: Rung) -> dict[str, Any]:
-    head = {"model": rung.number, "sha256": rung.digest, "from": rung.parent, "current": rung.is_current}
-    names = "joint runs samples rmse heldout heldout_runs noise_floor"
-    joints = [_entries(fit, names) for fit in rung.estimate.joints]
-    head |= {"file": rung.path.name, "effects": rung.estimate.effects, "added": rung.added, "removed": rung.removed}
-    return head | rung.whole | {"joints": joints}
 
 
 def session_document(robot: str, seed: int, files: Sequence[tuple[str, int, float, float]]) -> dict[str, object]:

@@ -112,24 +112,18 @@ def _counterbalance(at: JointState, a: float, length: float, angle: float) -> Fl
     return np.asarray(a * (np.cos(turned) * along[1] - np.sin(turned) * along[0]))
 
 
-def _load_friction(at: JointState, drive: float, back: float) -> Floats:
-    return np.asarray(np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back))
-
-
 def _waves(at: JointState, cos: float, sin: float, frequency: float) -> Floats:
     angle = frequency * at.position
     return np.asarray(cos * np.cos(angle) + sin * np.sin(angle))
-
-
-def _drift(at: JointState, current: Floats, a: float, time_constant: float) -> Floats:
-    return np.asarray(current - a * current * np.expm1(-np.maximum(at.time, 0) / time_constant))
 
 
 #: Name of the effect -> law; those of the whole current in the order in which they act.
 LAWS = {
     "stribeck": Law(Kind.FRICTION, lambda at, a, velocity, exponent: a * np.exp(-((at.speed / velocity) ** exponent))),
     "viscous_power": Law(Kind.FRICTION, lambda at, b, exponent: b * at.speed**exponent),
-    "load_friction": Law(Kind.FRICTION, _load_friction),
+    "load_friction": Law(
+        Kind.FRICTION, lambda at, drive, back: np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back)
+    ),
     "side_load_friction": Law(Kind.FRICTION, lambda at, mu: mu * at.across, needs_masses=True),
     "position_friction": Law(Kind.FRICTION, lambda at, cos, sin, harmonic: _waves(at, cos, sin, harmonic)),
     "ripple": Law(Kind.LOAD, _waves),
@@ -146,7 +140,10 @@ LAWS = {
     "payload": Law(Kind.BODY, is_of_arm=True, needs_masses=True),
     "flexibility": Law(Kind.BODY),
     "coupling": Law(Kind.LOAD, lambda at, c, on: c * (at.load + at.friction)),
-    "torque_constant_drift": Law(Kind.CURRENT, _drift),
+    "torque_constant_drift": Law(
+        Kind.CURRENT,
+        lambda at, current, a, time_constant: current - a * current * np.expm1(-np.maximum(at.time, 0) / time_constant),
+    ),
     "torque_droop": Law(Kind.CURRENT, lambda at, current, a: current + a * current**3),
     "saturation": Law(Kind.CURRENT, lambda at, current, limit: np.clip(current, -limit, limit)),
 }
