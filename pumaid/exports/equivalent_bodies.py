@@ -13,7 +13,7 @@ from pumaid.exports.formulas import Formulas
 from pumaid.kinematics import turn_of_z
 from pumaid.maths import Floats
 from pumaid.robot import Robot
-from pumaid.simulation.virtual_robot import Links, gravity_load
+from pumaid.simulation.virtual_robot import Links, carried_moment, gravity_load, link_of
 from pumaid.structure import minimal
 
 #: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.
@@ -134,7 +134,10 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Fl
     masses, centres = np.zeros(n), np.zeros((n, 3))
     k = np.zeros(3)  # the constant first moment about the joint beyond, in the frame beyond
     for i in reversed(range(n)):
-        rest, step = (np.zeros(3), 0.0) if i == n - 1 else _moved(robot, i + 1, k, beyond=float(masses[i + 1 :].sum()))
+        rest, step = np.zeros(3), 0.0
+        if i < n - 1:
+            rest = carried_moment(robot, i, masses[i + 1 :].sum(), k)
+            step = float(np.linalg.norm(link_of(robot, i)))
         need = wanted[i] - rest[:2]
         if turns[i] and not unfelt[i]:
             masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), heaviest[i])
@@ -156,16 +159,6 @@ def _most(carried: Floats) -> Floats:
         if end - start > 1:
             out[start + 1 : end] = CARRIED * held / (end - start - 1)
     return out
-
-
-def _moved(robot: Robot, number: int, k: Floats, *, beyond: float) -> tuple[Floats, float]:
-    """What the links from joint `number` (from 0) on add to the first moment before it; and how far it is (m)."""
-    joint = robot.joints[number]
-    turned, step = joint.frame[:3, :3], joint.frame[:3, 3]
-    if joint.is_revolute:
-        return beyond * step + turned[:, 2] * k[2], float(np.linalg.norm(step))
-    across = step - turned[:, 2] * joint.d
-    return beyond * across + turned @ k, float(np.linalg.norm(across))
 
 
 def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> list[str]:

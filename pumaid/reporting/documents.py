@@ -1,12 +1,10 @@
 """Records for other programs: entries of JSON documents, and tables of numbers; SI, angles in rad where not stated."""
 
 import json
-from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
 
-from pumaid import __version__
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import TOGETHER, Budget, Comparison
@@ -170,7 +168,7 @@ def budget_document(budget: Budget) -> dict[str, Any]:
     return _entries(budget, "mean_square noise floor runs replicates") | {"parts": parts, "limits": limits}
 
 
-# History and simulation
+# History
 
 
 def history_document(history: History) -> dict[str, Any]:
@@ -193,9 +191,3 @@ def history_document(history: History) -> dict[str, Any]:
         for ladder in history.ladders
     ]
     return _entries(history, "folder current notes") | {"ladders": ladders}
-
-
-def session_document(robot: str, seed: int, files: Sequence[tuple[str, int, float, float]]) -> dict[str, object]:
-    """What ``simulate --json`` prints; `files` as in `session_table`."""
-    entries = [dict(zip(("file", "samples", "start", "end"), entry, strict=True)) for entry in files]
-    return {"kind": "simulation", "format": 1, "pumaid": __version__, "robot": robot, "seed": seed, "files": entries}

@@ -35,6 +35,7 @@ from pumaid.reporting.run_tables import run_time
 from pumaid.reporting.table import Cell, Paragraph, Row, Table
 from pumaid.reporting.text import (
     PART_NAMES,
+    VARIABLES,
     bare,
     changes,
     is_above_floor,
@@ -43,7 +44,6 @@ from pumaid.reporting.text import (
     label,
     part_share,
     times_text,
-    variable_name,
 )
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
@@ -325,7 +325,7 @@ def shape_table(shape: Unexplained, units: str = "rad") -> Table:
         text, deviation = with_error(float(mean), float(error) if np.isfinite(error) else None)
         sides = (bar.rjust(BAR) if mean < 0 else " " * BAR) + "|" + (bar if mean > 0 else "")
         rows.append([number(scale * float(centre) + 0.0, 3), Cell(text, deviation), sides])
-    name = variable_name(shape)
+    name = VARIABLES.get(shape.variable, shape.variable)
     value = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "residual (A)"
     return Table("", (f"{name} ({unit})" if unit else name, value, ""), rows, words=(2,))
 

@@ -331,10 +331,6 @@ def _at(finding: Finding, robot: Robot) -> str:
     return f"{'of' if finding.joint is None else 'at'} {place(finding, robot)}"
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def bare(unit: str) -> str:
     """A unit word; empty for a number without unit."""
     return "" if unit == "1" else unit
@@ -345,7 +341,8 @@ def bare(unit: str) -> str:
 
 def finding_title(finding: Finding, robot: Robot, *, is_applied: bool = False) -> str:
     """Where and what, with the effects that these data do not separate from it; `is_applied`: the model now has it."""
-    head = f"{_capital(place(finding, robot))}: {label(finding.effect)}"
+    where = place(finding, robot)
+    head = f"{where[:1].upper()}{where[1:]}: {label(finding.effect)}"
     if is_applied:
         return f"{head} was missing and is now in the model"
     return f"{head} {'is missing' if finding.verdict == ADD else 'may be missing'}{_rivals(finding)}"
@@ -426,7 +423,7 @@ def decision_sentence(finding: Finding) -> str:
         return ""
     text = run.text.rstrip(".")
     if not run.motions:
-        return f"{_capital(text)}."
+        return f"{text[:1].upper()}{text[1:]}."
     times = f", each {times_text(run.repeats)}" if run.repeats and run.repeats > 1 else ""
     return f"To decide: {text} ({plural(len(run.motions), 'run')}{times}; written by pumaid diagnose --plan FILE)."
 
@@ -504,18 +501,13 @@ def form_sentence(shape: Unexplained, units: str = "rad") -> str:
     """The free form that describes the residual best, and where it is largest."""
     scale, unit = in_unit(shape.unit, units)
     kind = FORMS.get(shape.form.split("f(")[0].strip(), FORMS[""])
-    form = f"{kind} {variable_name(shape)} ({shape.form})"
+    form = f"{kind} {VARIABLES.get(shape.variable, shape.variable)} ({shape.form})"
     if not shape.is_clear:
         return f"No function of position, speed, load, time or travel alone describes it; the closest is {form}."
     peak = f"{number(scale * shape.peak, 3)} {unit}".rstrip()
     return (
         f"Best described by {form}, largest at {peak}; it explains {100 * shape.share:.0f} % of the excess over noise."
     )
-
-
-def variable_name(shape: Unexplained) -> str:
-    """The variable of a free form in words."""
-    return VARIABLES.get(shape.variable, shape.variable)
 
 
 def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
@@ -558,5 +550,5 @@ def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     for text, numbers in joints.items():
         names_joint = len(numbers) == 1 and text.lower().startswith(f"joint {numbers[0]} ")
         is_plain = len(numbers) == len(diagnosis.joints) or names_joint
-        out.append(f"{_capital(text)}." if is_plain else f"{joint_titles(robot, numbers)}: {text}.")
+        out.append(f"{text[:1].upper()}{text[1:]}." if is_plain else f"{joint_titles(robot, numbers)}: {text}.")
     return out

@@ -71,8 +71,8 @@ def command(
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import PLAN_NAME, read_plan
     from pumaid.io.write import write_session
-    from pumaid.reporting.documents import session_document
     from pumaid.reporting.run_tables import session_table
+    from pumaid.results.documents import heading
     from pumaid.results.truth_file import as_json as truth_json
     from pumaid.simulation.session import simulate
 
@@ -93,7 +93,8 @@ def command(
     if str(folder) == "-":
         return
     if as_json:
-        document(session_document(robot.name, seed, files))
+        entries = [dict(zip(("file", "samples", "start", "end"), entry, strict=True)) for entry in files]
+        document(heading("simulation") | {"robot": robot.name, "seed": seed, "files": entries})
     else:
         tables(session_table(files))
     remark(f"logs and truth.json written to {folder}")

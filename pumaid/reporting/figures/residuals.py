@@ -37,12 +37,12 @@ from pumaid.reporting.formatting import amperes, in_unit, joint_title, listed, p
 from pumaid.reporting.text import (
     BUDGET_CAPTION,
     PART_NAMES,
+    VARIABLES,
     budgets,
     form_sentence,
     label,
     part_share,
     place,
-    variable_name,
 )
 from pumaid.robot import Robot
 
@@ -293,7 +293,8 @@ def shape_figure(joint: JointDiagnosis, robot: Robot, units: str = "rad") -> Dra
     figure, (axes,) = panels(1, height=2.4)
     _shape(axes, shape, units)
     axes.set_title(shortened(f"{name}: {shape.form}", 44))
-    caption = f"Means of the residual in bins of {variable_name(shape)}. {form_sentence(shape, units)}"
+    variable = VARIABLES.get(shape.variable, shape.variable)
+    caption = f"Means of the residual in bins of {variable}. {form_sentence(shape, units)}"
     return Drawing(f"unexplained_j{joint.joint}", f"{name}: residual that no effect explains", caption, figure)
 
 
@@ -345,7 +346,7 @@ def _before_and_after(
 
 
 def _shape(axes: Axes, shape: Unexplained, units: str) -> None:
-    scale = _frame(axes, variable_name(shape), shape.unit, shape.centres, units=units)
+    scale = _frame(axes, VARIABLES.get(shape.variable, shape.variable), shape.unit, shape.centres, units=units)
     if shape.form.startswith("v "):
         axes.set_ylabel(f"viscous (A s/{shape.unit})")
     error_marks(axes, scale * shape.centres, shape.means, errors=shape.errors, linestyle="-", linewidth=1.0)
