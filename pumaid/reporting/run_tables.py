@@ -223,7 +223,15 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
             for posture in plan.postures
         ]
         tables.append(Table("Postures", ("joint", "other joints at (deg, m)", "purpose"), rows, words=(0, 1, 2)))
-    tables += [_expected_table(plan, robot)] if plan.expected else []
+    gravity, rows = math.hypot(*robot.gravity) or 1.0, []
+    for label, pattern in _EXPECTED.items():
+        names = [pattern.format(n=joint.number, m=joint.number + 1) for joint in robot.joints]
+        scale = gravity if pattern.startswith("gravity") else 1.0
+        if any(name in plan.expected for name in names):
+            cells = [number(plan.expected[name] * scale, 2) if name in plan.expected else "-" for name in names]
+            rows.append([label, *cells])
+    header = ["joint", *(str(joint.number) for joint in robot.joints)]
+    tables += [Table("Predicted standard errors", header, rows)] if plan.expected else []
     return [*tables[:-1], replace(tables[-1], notes=[("-", line) for line in lines])]
 
 
@@ -246,19 +254,6 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
     heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
     title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {number(plan.duration / 60.0, 3)} min"
     return Table(title, ("joint", "postures", "range", "speeds", "fit", "hold-out"), rows, words=(0, 2, 3))
-
-
-def _expected_table(plan: Plan, robot: Robot) -> Table:
-    """Predicted standard errors, a joint a column as in the parameter table."""
-    gravity = math.hypot(*robot.gravity) or 1.0
-    rows = []
-    for label, name in _EXPECTED.items():
-        names = [name.format(n=joint.number, m=joint.number + 1) for joint in robot.joints]
-        scale = gravity if name.startswith("gravity") else 1.0
-        if any(name in plan.expected for name in names):
-            cells = [number(plan.expected[name] * scale, 2) if name in plan.expected else "-" for name in names]
-            rows.append([label, *cells])
-    return Table("Predicted standard errors", ["joint", *(str(joint.number) for joint in robot.joints)], rows)
 
 
 def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:

@@ -22,14 +22,22 @@ _GREATEST = 1e12
 def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     """Everything about a virtual robot, SI, JSON's own types.
 
-    `parameters` are in amperes, as `pumaid identify` gives them; `gain`, `mass` and `centre` are null for a robot that
+    `parameters` are in amperes, as currents show them; `gain`, `mass` and `centre` are null for a robot that
     is known by its constants alone.
     """
     has_masses = truth.given_constants is None
     digits = _DIGITS if has_masses else 17
+    values, n = truth.parameters(), truth.robot.n_joints
+    # What a slide carries in every posture is part of its Coulomb terms. Uneven multiples: no two joints stand alike in
+    # all of them.
+    load = truth.gravity_current(np.sin(np.outer(np.arange(16), np.sqrt(2.0 + np.arange(n)))))
+    is_same = np.ptp(load, axis=0) <= 1e-9 * np.max(np.abs(load), axis=0)
+    for j in np.flatnonzero(is_same & ~truth.robot.is_revolute):
+        for side in ("plus", "minus"):
+            values[f"coulomb.j{j + 1}.{side}"] += float(load[0, j])
     entries = {
         "seed": truth.seed if seed is None else seed,
-        "parameters": {name: float(f"{value:.{digits}g}") for name, value in _identifiable(truth).items()},
+        "parameters": {name: float(f"{value:.{digits}g}") for name, value in values.items()},
         "gain": truth.gain if has_masses else None,
         "mass": truth.links.mass if has_masses else None,
         "centre": truth.links.centre if has_masses else None,
@@ -44,19 +52,6 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     }
     content: dict[str, Any] = plain(heading("truth", robot=truth.robot) | entries)
     return content
-
-
-def _identifiable(truth: Truth) -> dict[str, float]:
-    """The parameters as currents show them: what a slide carries in every posture is part of its Coulomb terms."""
-    values, n = truth.parameters(), truth.robot.n_joints
-    # Uneven multiples: no two joints stand alike in all of them.
-    load = truth.gravity_current(np.sin(np.outer(np.arange(16), np.sqrt(2.0 + np.arange(n)))))
-    is_same = np.ptp(load, axis=0) <= 1e-9 * np.max(np.abs(load), axis=0)
-    for joint in truth.robot.joints:
-        if is_same[joint.number - 1] and not joint.is_revolute:
-            for side in ("plus", "minus"):
-                values[f"coulomb.j{joint.number}.{side}"] += float(load[0, joint.number - 1])
-    return values
 
 
 def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:

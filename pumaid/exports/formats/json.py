@@ -7,7 +7,6 @@ import numpy as np
 from pumaid.effects.formula import filled
 from pumaid.exports.base import Form, Subject
 from pumaid.results.documents import as_text
-from pumaid.robot import Robot
 
 #: Postures with currents by the model itself.
 POSTURES = 8
@@ -34,6 +33,8 @@ MEANING = {
 }
 
 
+#: What is said of a joint besides its number and type.
+FIELDS = ("name", "theta", "alpha", "a", "d", "placement", "limits", "max_velocity")
 #: In the document v has its sign.
 SIGNED = {"v": "abs(v)", "shaft": "v"}
 
@@ -57,7 +58,10 @@ class Json(Form):
             "recipe": {"file": robot.origin, "sha256": robot.digest},
             "logs": formulas.estimate.logs,
             "meaning": MEANING,
-            "joints": [_joint(robot, number) for number in range(1, robot.n_joints + 1)],
+            "joints": [
+                {"joint": joint.number, "type": joint.kind} | {name: getattr(joint, name) for name in FIELDS}
+                for joint in robot.joints
+            ],
             "gravity": robot.gravity,
             "moments": formulas.moments,
             "ratios": formulas.ratios,
@@ -81,9 +85,3 @@ class Json(Form):
             ],
         }
         return {".json": as_text(document)}
-
-
-def _joint(robot: Robot, number: int) -> dict[str, Any]:
-    joint = robot.joint(number)
-    fields = ("name", "theta", "alpha", "a", "d", "placement", "limits", "max_velocity")
-    return {"joint": number, "type": joint.kind} | {name: getattr(joint, name) for name in fields}

@@ -1,6 +1,7 @@
 """Runs found in logs, over time."""
 
 import math
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -66,8 +67,16 @@ def run_figure(dataset: Dataset, robot: Robot, units: str = "rad", *, limit: int
             axes.margins(y=0.08)
             axes.autoscale_view(scalex=False)
     panels[-1].set_xlabel("time (s)")
-    legend(figure, _handles(dataset, robot), 6)
-    read = max(1, samples_read(dataset))
+    read, handles = max(1, samples_read(dataset)), []
+    for joint, colour in zip(robot.joints, cycle(PALETTE), strict=False):
+        count = len(dataset.of_joint(joint.number))
+        label = f"{joint.number} {joint.name}: {plural(count, 'run')}"
+        handles += [Patch(facecolor=colour, alpha=0.6, label=label)] if count else []
+    for reason, rejects in by_reason(dataset.rejects).items():
+        label = f"{reason.replace('-', ' ')}: {100 * sum(reject.samples for reject in rejects) / read:.1f} %"
+        face, hatch = "white" if reason == "rest" else TINT, HATCHES.get(reason, "....")
+        handles.append(Patch(facecolor=face, edgecolor=GREY, linewidth=0.5, hatch=hatch, label=label))
+    legend(figure, handles, 6)
     used = read - sum(reject.samples for reject in dataset.rejects)
     heading(figure, f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used")
     caption = f"The first {limit} of {len(dataset.runs)} runs. " if is_cut else ""
@@ -99,18 +108,3 @@ def _item(both: tuple[Axes, Axes], item: Run | Reject, *, shift: float, scale: F
         below.plot(time, position[:, joint - 1], **look)
         if run and joint in joints:
             above.fill_between(time, 0.0, velocity[:, joint - 1], color=colour, alpha=0.18, linewidth=0)
-
-
-def _handles(dataset: Dataset, robot: Robot) -> list[Patch]:
-    handles = []
-    for joint in robot.joints:
-        count = len(dataset.of_joint(joint.number))
-        colour = PALETTE[(joint.number - 1) % len(PALETTE)]
-        label = f"{joint.number} {joint.name}: {plural(count, 'run')}"
-        handles += [Patch(facecolor=colour, alpha=0.6, label=label)] if count else []
-    read = max(1, samples_read(dataset))
-    for reason, rejects in by_reason(dataset.rejects).items():
-        label = f"{reason.replace('-', ' ')}: {100 * sum(reject.samples for reject in rejects) / read:.1f} %"
-        face, hatch = "white" if reason == "rest" else TINT, HATCHES.get(reason, "....")
-        handles.append(Patch(facecolor=face, edgecolor=GREY, linewidth=0.5, hatch=hatch, label=label))
-    return handles
