@@ -136,7 +136,7 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Fl
     for i in reversed(range(n)):
         rest, step = np.zeros(3), 0.0
         if i < n - 1:
-            rest = carried_moment(robot, i, masses[i + 1 :].sum(), k)
+            rest = carried_moment(robot, i, masses[i + 1 :].sum(), k=k)
             step = float(np.linalg.norm(link_of(robot, i)))
         need = wanted[i] - rest[:2]
         if turns[i] and not unfelt[i]:

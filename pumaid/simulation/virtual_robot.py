@@ -95,11 +95,11 @@ def constants(robot: Robot, links: Links, gain: Floats) -> Constants:
     outer_mass = np.cumsum(links.mass[::-1])[::-1]
     k = links.mass[:, None] * links.centre
     for i in range(robot.n_joints - 2, -1, -1):
-        k[i] += carried_moment(robot, i, outer_mass[i + 1], k[i + 1])
+        k[i] += carried_moment(robot, i, outer_mass[i + 1], k=k[i + 1])
     return Constants(gain * k[:, 0], gain * k[:, 1], gain * outer_mass, gain[:-1] / gain[1:])
 
 
-def carried_moment(robot: Robot, i: int, outer_mass: float, k: Floats) -> Floats:
+def carried_moment(robot: Robot, i: int, outer_mass: float, *, k: Floats) -> Floats:
     """(3,) kg m: what links beyond link i (from 0), of mass `outer_mass` and constants `k` (3,), add to its moment."""
     after = robot.joints[i + 1]
     if after.is_revolute:
@@ -129,7 +129,7 @@ def links_of(robot: Robot, given: Constants, inertia: Floats) -> tuple[Links, Fl
     gain = np.append(np.cumprod(ratio[::-1])[::-1], 1.0) * (-1.0 if inertia[-1] < 0 else 1.0)
     mass, moment, k, outer = np.zeros(n), np.zeros((n, 3)), np.zeros(3), 0.0
     for i in range(n - 1, -1, -1):
-        carried = carried_moment(robot, i, outer, k) if i < n - 1 else np.zeros(3)
+        carried = carried_moment(robot, i, outer, k=k) if i < n - 1 else np.zeros(3)
         k, rotor = carried, abs(inertia[i] / gain[i])
         if robot.joints[i].is_revolute:
             moment[i, :2] = np.array([given.x[i], given.y[i]]) / gain[i] - carried[:2]
