@@ -10,7 +10,7 @@ import numpy as np
 
 from pumaid.effects import Effect, Scope, catalogue
 from pumaid.effects.base import Parameter, Shape
-from pumaid.errors import ModelError, Where, meant, nearest
+from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import Estimate
 from pumaid.maths import Floats
 from pumaid.robot import ALL, EffectChoice, Robot, read_choice
@@ -168,16 +168,15 @@ def marked(terms: Iterable[EffectTerm]) -> tuple[EffectTerm, ...]:
 
 
 def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
-    """Choices as a model has them: the second time at a joint is marked ``_2``."""
-    return marked(EffectTerm(catalogue()[choice.effect], choice.joint, dict(choice.shape)) for choice in choices)
+    """Choices as a model has them: the second time at a joint is marked ``_2``.
 
-
-def check_known(effects: Iterable[EffectChoice]) -> None:
-    """Refuse effects of a model that the catalogue does not have (unknown-effect): a file has to be named again."""
-    for number, choice in enumerate(effects, start=1):
-        if choice.effect not in catalogue():
-            what = f"the model holds {choice.effect}, which is not in the catalogue"
-            raise ModelError("unknown-effect", what, Where(joint=choice.joint, field=f"effects[{number}]"), OWN)
+    Refuses one that the catalogue does not have (unknown-effect): a file has to be named again.
+    """
+    places = [Where(joint=choice.joint, field=f"effects[{n}]") for n, choice in enumerate(choices, start=1)]
+    return marked(
+        EffectTerm(known_effect(choice.effect, where), choice.joint, dict(choice.shape))
+        for choice, where in zip(choices, places, strict=True)
+    )
 
 
 def check_parameters(estimate: Estimate, robot: Robot) -> None:
@@ -277,10 +276,8 @@ def known_effect(name: str, where: Where) -> Effect:
     """The effect of the catalogue called `name`; refused where there is none, or where every model has it."""
     effects = catalogue()
     if name not in effects:
-        what = f"there is no effect {name} in the catalogue: {', '.join(effects)}" if name else "no effect is named"
-        near = nearest(name, effects)
-        mend = f"did you mean {near}?" if near else f"pumaid effects lists the names; {OWN}"
-        raise ModelError("unknown-effect", what, where, mend)
+        what = f"there is no effect {name} in the catalogue" if name else "no effect is named"
+        raise ModelError("unknown-effect", what, where, f"{meant(name, list(effects))}; {OWN}")
     if effects[name].base:
         raise ModelError("effect-twice", f"{name} is in every model already", where, "leave it out")
     return effects[name]

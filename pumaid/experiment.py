@@ -81,11 +81,11 @@ class Experiment:
 
     def model(self, path: Path) -> Estimate:
         """A model of this arm; one of another recipe or with effects that are not known as they were is refused."""
-        from pumaid.effect_spec import check_known, check_parameters
+        from pumaid.effect_spec import check_parameters, terms_of
         from pumaid.results.model_file import check_same_recipe, read_model
 
         estimate = read_model(path)
-        check_known(estimate.effects)
+        terms_of(estimate.effects)
         check_same_recipe(estimate, replace(self.robot, origin=str(self.recipe_path)))
         check_parameters(estimate, self.robot)
         return estimate

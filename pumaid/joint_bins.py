@@ -223,32 +223,24 @@ def joint_bins(
         thin = [_thinned(run, most, turn=turn, is_settled=is_settled) for run in chosen]
         lengths = np.array([len(run.bins) for run in thin])
         first = (np.cumsum(lengths) - lengths).astype(np.int64)
-        step = np.array([_bin_step(run) for run in thin])
+        # Between cells of a block some are left out.
+        is_long = [run.kind == BLOCK and len(run.bins) > 1 for run in thin]
+        steps = [
+            np.median(np.diff(run.bins.time)) if is_cut else run.duration / max(len(run.bins), 1)
+            for run, is_cut in zip(thin, is_long, strict=True)
+        ]
         count, current, inside = (
             np.concatenate([getattr(run.bins, name) for run in thin]) for name in ("count", "current", "variance")
         )
         samples = joined([samples_of(run, campaign) for run in thin])
-        rigid_body = _rigid_body(thin)
-        out.append(JointBins(joint, chosen, samples, current, count.astype(float), inside, first, step, rigid_body))
+        asked = [run.bins.rigid_body for run in thin]
+        width = max((part.shape[1] for part in asked if part is not None), default=0)
+        body = [np.full((n, width), np.nan) if a is None else a for a, n in zip(asked, lengths, strict=True)]
+        rows = np.concatenate(body) if width else None
+        out.append(
+            JointBins(joint, chosen, samples, current, count.astype(float), inside, first, np.array(steps), rows)
+        )
     return tuple(out)
-
-
-def _bin_step(run: Run) -> float:
-    """s that the bins of a run last; between cells of a block some are left out."""
-    if run.kind == BLOCK and len(run.bins) > 1:
-        return float(np.median(np.diff(run.bins.time)))
-    return run.duration / max(len(run.bins), 1)
-
-
-def _rigid_body(runs: Sequence[Run]) -> Floats | None:
-    """(N, p) of all bins of some runs, NaN where a run is no block; None where none is."""
-    width = next((run.bins.rigid_body.shape[1] for run in runs if run.bins.rigid_body is not None), None)
-    if width is None:
-        return None
-    empty = (np.full((len(run.bins), width), np.nan) for run in runs)
-    return np.concatenate(
-        [e if r.bins.rigid_body is None else r.bins.rigid_body for e, r in zip(empty, runs, strict=True)]
-    )
 
 
 def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Run:
@@ -271,15 +263,15 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
     bins, moving = run.bins, run.joint - 1
     velocity, position = run.velocity, np.tile(run.posture, (len(bins), 1))
     position[:, moving] = bins.position[:, moving]
-    direction, travel = (
-        np.full(len(bins), float(run.direction)),
-        campaign.lead(run) + np.abs(position[:, moving] - run.span[0]),
-    )
+    direction = np.full(len(bins), float(run.direction))
+    travel = campaign.lead(run) + np.abs(position[:, moving] - run.span[0])
     if run.kind == CONSTANT:
         velocity[:, moving] = run.speed
     if run.kind == BLOCK:
         position, direction = bins.position, np.where(bins.velocity < 0.0, -1.0, 1.0)
-        travel = _since_reversal(bins.position[:, moving], direction)
+        turned = np.flatnonzero(np.diff(direction, prepend=0.0))
+        start = np.repeat(position[turned, moving], np.diff(turned, append=len(bins)))
+        travel = np.abs(position[:, moving] - start)  # since the joint last turned back
     return Samples(
         run.joint,
         position,
@@ -293,13 +285,6 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
         run=np.zeros(len(bins)),
         extra=bins.extra,
     )
-
-
-def _since_reversal(position: Floats, direction: Floats) -> Floats:
-    """(M,) rad or m that a joint has moved since it last turned back, or since the first of (M,) positions."""
-    turned = np.flatnonzero(np.diff(direction, prepend=0.0))
-    start = np.repeat(position[turned], np.diff(turned, append=len(position)))
-    return np.abs(position - start)
 
 
 def joined(many: Sequence[Samples]) -> Samples:

@@ -1,4 +1,4 @@
-"""The model of the currents: the arm and its effects as names and columns; the one place that builds regressors."""
+"""The model of the currents: which parameters an arm has, its names and columns, and what it says of loads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import copy
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -16,14 +17,104 @@ from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts, Flags, Floats, rank
+from pumaid.maths.bilinear import Recursion
 from pumaid.rigid_body import base_parameters
-from pumaid.robot import Robot
+from pumaid.robot import Joint, Robot
 from pumaid.samples import Loads, Samples
-from pumaid.structure import Structure, in_motion, minimal
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
+#: Random postures a joint: several times the most columns that a row can have (2 n + 4 for n = 10 joints).
+POSTURES = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """The minimal parameters of an arm.
+
+    `absent` maps names of gravity parameters that no motion can show, `redundant` pairs (i, i+1) of joints (from 1)
+    whose ratio of gains none can, to why; `embodied` are prismatic joints whose constant load hides in their Coulomb
+    terms (eq. 32, 33).
+    """
+
+    absent: dict[str, str] = field(default_factory=dict)
+    embodied: tuple[int, ...] = ()
+    redundant: dict[tuple[int, int], str] = field(default_factory=dict)
+
+
+def minimal(robot: Robot, *, seed: int = 0) -> Structure:
+    """Derive the minimal parameters from random postures (by `seed`) and random parameters of the arm.
+
+    A friction term absorbs what a gravity column shares with it. Source: S.-K. Lin, Theorem 3 and Corollary 4, found
+    here by rank instead of by their case rules.
+    """
+    return _of_geometry(tuple(robot.joints), tuple(robot.gravity), seed)
+
+
+def in_motion(robot: Robot) -> Structure:
+    """The parameters of gravity that no motion of all joints shows; ratios of gains are left to the data."""
+    shown = {(link, part.removeprefix("m") or "mass") for link, part in base_parameters(robot).names}
+    weightless, absent = minimal(robot).absent, {}
+    for joint in robot.joints:
+        other = f"no motion shows the weight of link {joint.number} ({joint.name}) apart from that of other links"
+        for parameter in catalogue()["gravity"].parameters(robot, joint.number):
+            if (joint.number, parameter.name) not in shown:
+                name = f"gravity.l{joint.number}.{parameter.name}"
+                absent[name] = weightless.get(name, other)
+    return Structure(absent)
+
+
+@lru_cache(maxsize=16)  # one command makes many models of one arm
+def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], seed: int) -> Structure:
+    rng, robot = np.random.default_rng(seed), Robot("", joints, pull)
+    gravity, n = catalogue()["gravity"], robot.n_joints
+    widths = [len(gravity.parameters(robot, link)) for link in range(1, n + 1)]
+    owners = np.repeat(np.arange(n), widths)
+    recursion = Recursion(owners, n)
+    truth = rng.uniform(0.5, 2.0, len(owners)) * rng.choice([-1.0, 1.0], len(owners))
+    absent: dict[str, str] = {}
+    embodied: list[int] = []
+    for row in reversed(range(n)):
+        position = rng.uniform(-np.pi, np.pi, (POSTURES, n))
+        felt = gravity.columns_of(robot, Samples(row + 1, position, np.zeros_like(position)), range(row + 1, n + 1))
+        rows = np.hstack([felt.get(link, np.zeros((POSTURES, width))) for link, width in enumerate(widths, start=1)])
+        sign = rng.choice([-1.0, 1.0], POSTURES)
+        matrix, owned, roots = recursion.design(row, rows)
+        friction = np.column_stack([sign > 0, sign < 0]).astype(float)
+        # Columns that are zero but for rounding (twists of 90 degrees are not exact) are zero.
+        matrix[:, np.linalg.norm(matrix, axis=0) <= 1e-9 * np.sqrt(POSTURES)] = 0.0
+        sure = rank.independent(np.hstack([friction, matrix]), first=2)[2:]
+        constant = bool(rows[:, owned].any()) and not sure[: len(owned)].any()
+        if constant and not robot.joint(row + 1).is_revolute:
+            embodied.append(row + 1)
+        for column, is_sure in zip(owned, sure[: len(owned)], strict=True):
+            recursion.values[column] = truth[column] if is_sure else 0.0
+            if not is_sure:
+                link = row + 1
+                name = gravity.parameters(robot, link)[column - owned[0]].name
+                absent[f"gravity.l{link}.{name}"] = _why_absent(robot, link, constant)
+        for root, is_sure in zip(roots, sure[len(owned) :], strict=True):
+            if is_sure:
+                recursion.gains.merge(row, root, float(rng.uniform(0.5, 2.0)))
+    redundant = {}
+    for inner, outer in itertools.pairwise(joints):
+        if not np.isfinite(recursion.gains.ratio(inner.number - 1, outer.number - 1)):
+            why = f"joint {inner.number} ({inner.name}) does not feel the weight that joint {outer.number}"
+            redundant[inner.number, outer.number] = f"{why} ({outer.name}) carries, in any posture"
+    return Structure(absent, tuple(sorted(embodied)), redundant)
+
+
+def _why_absent(robot: Robot, link: int, constant: bool) -> str:
+    name = f"joint {link} ({robot.joint(link).name})"
+    if robot.joint(link).is_revolute:
+        return f"{name} turns about the direction of gravity in every posture and so carries no weight"
+    if constant:
+        return (
+            f"the angle between {name} and gravity never changes, so its constant load cannot be told from Coulomb"
+            f" friction and is part of coulomb.j{link}.plus and .minus"
+        )
+    return f"{name} stays perpendicular to gravity in every posture and so carries no weight"
 
 
 class Model:
@@ -81,19 +172,15 @@ class Model:
             (effect for effect in catalogue().values() if effect.base),
             key=lambda effect: (effect.scope is not Scope.LINK, effect.name),
         )
-        yield from self._inertial_columns()
+        for name in rigid_body_names(self.robot) if self.is_dynamic else ():
+            kind, owner, *part = name.split(".")
+            symbol = f"I{owner[1:]}{part[0] if part else ''}"
+            unit = "A s2/m" if name.endswith((".m", ".mx", ".my", ".mz")) else "A s2/rad"
+            if kind != "gravity":
+                yield Column(name, symbol, unit, "inertia", int(owner[1:]), INERTIA, scope=Scope.LINK)
         for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
             parts = EffectTerm(effect, number).parts(self.robot, None)
             yield from (replace(part, span=math.inf) for part in parts if part.name not in self.structure.absent)
-
-    def _inertial_columns(self) -> Iterable[Column]:
-        """Base parameters of the rigid body that no weight shows."""
-        for name in rigid_body_names(self.robot) if self.is_dynamic else ():
-            kind, owner, *part = name.split(".")
-            link, symbol = int(owner[1:]), f"I{owner[1:]}{part[0] if part else ''}"
-            if kind != "gravity":
-                unit = "A s2/m" if name.endswith((".m", ".mx", ".my", ".mz")) else "A s2/rad"
-                yield Column(name, symbol, unit, "inertia", link, INERTIA, scope=Scope.LINK)
 
     def regressor(self, samples: Samples) -> Floats:
         """(M, p) A in joint `samples.joint` per unit of every parameter, those of links in units of their own gain.
@@ -117,43 +204,33 @@ class Model:
 
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        if bins not in self._base_designs:
-            self._base_designs[bins] = self._of_blocks(bins, bins.averaged(self._base_at_nodes(bins)))
-        beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
-        return np.hstack([self._base_designs[bins], bins.averaged(beyond)])
+        return bins.averaged(self.at_nodes(bins, gravity))
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
-        base = self._of_blocks(bins, self._base_at_nodes(bins), times=3)
-        return np.hstack([base, self.beyond(replace(bins.nodes[0], loads=gravity))])
-
-    def _base_at_nodes(self, bins: JointBins) -> Floats:
         nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
-        steady = replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0))
-        return self.along(steady, 3 * bins.lengths)
-
-    def _of_blocks(self, bins: JointBins, base: Floats, *, times: int = 1) -> Floats:
-        """(times N, b) with what the rigid body asks in blocks of any motion, which was averaged with the current."""
-        if bins.rigid_body is None or not self.is_dynamic:
-            return base
-        rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), times))
-        base[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // times]
-        return base
+        if bins not in self._base_designs:
+            steady = replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0))
+            self._base_designs[bins] = self.along(steady, 3 * bins.lengths)
+            if bins.rigid_body is not None and self.is_dynamic:
+                # In blocks of any motion what the rigid body asks was averaged with the current.
+                rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
+                self._base_designs[bins][np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
+        return np.hstack([self._base_designs[bins], self.beyond(replace(nodes, loads=gravity))])
 
     def base(self, samples: Samples, *, links: bool = True) -> Floats:
         """(M, b) of the paper's model; the columns of links are left zero unless `links`."""
         moving = samples.joint
         out = np.zeros((len(samples), len(self._base)))
-        acting: dict[str, list[tuple[int, Column]]] = {}
-        for index, column in enumerate(self._base):
-            is_link = column.scope is Scope.LINK
-            is_felt = links and column.owner >= moving if is_link else column.owner == moving
-            if is_felt:
-                acting.setdefault(column.effect, []).append((index, column))
-        acting.pop(INERTIA, None)
-        for name, columns in acting.items():
-            effect, owners = catalogue()[name], sorted({column.owner for _, column in columns})
-            values = effect.columns_of(self.robot, samples, owners)
+        for effect in (effect for effect in catalogue().values() if effect.base):
+            is_link = effect.scope is Scope.LINK
+            columns = [
+                (index, column)
+                for index, column in enumerate(self._base)
+                if column.effect == effect.name
+                and (links and column.owner >= moving if is_link else column.owner == moving)
+            ]
+            values = effect.columns_of(self.robot, samples, sorted({column.owner for _, column in columns}))
             for index, column in columns:
                 names = [parameter.name for parameter in effect.parameters(self.robot, column.owner)]
                 out[:, index] = values[column.owner][:, names.index(column.name.rsplit(".", 1)[1])]
@@ -202,3 +279,118 @@ def rigid_body_names(robot: Robot) -> list[str]:
         inertia = f"rotor.j{link}" if part == "rotor" else f"{INERTIA}.l{link}.{part}"
         names.append(f"gravity.l{link}.{weights[part]}" if part in weights else inertia)
     return names
+
+
+def loads_along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:
+    """`loads` along runs of `sizes` instants each, in which all joints but the moving one stand."""
+    n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
+
+    def table(knots: Samples) -> Floats:
+        nonlocal gains
+        knot = loads(model, knots, solution=solution, scales=scales)
+        gains = knot.gains
+        return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.by_joint, knot.slopes])
+
+    values = swept(samples, sizes, table, turns=turns)
+    load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
+    friction = model.base(samples, links=False)
+    drawn = load[:, 0] + friction @ solution[: friction.shape[1]]
+    return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
+
+
+def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats, at_nodes: bool = False) -> Loads:
+    """`loads` at bins, or at their nodes, those in blocks of any motion with the joint's inertial load."""
+    samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
+    out = loads_along(model, samples, times * bins.lengths, solution=solution, scales=scales)
+    if bins.rigid_body is None or not model.is_dynamic:
+        return out
+    weights = np.nan_to_num(model.factors(scales, bins.joint)) * solution
+    torque = np.repeat(bins.rigid_body @ weights[model.inertial], times)
+    moving = np.where(np.isfinite(torque), torque, out.moving)
+    return replace(out, moving=moving, drawn=out.drawn + moving - out.moving)
+
+
+def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
+    """Gravity's currents, their slopes and the base model's prediction at M instants of one moving joint.
+
+    With h the regrouped first moment of all links from joint i outward (base axes, in joint i's gain), gravity's moment
+    about joint i is g x h and its current z_i . (g x h); a slope follows from which of z_i, h and g turn. `solution`
+    (p,) are parameters and `scales` (J, J) ratios of gains as in `Estimate`; an unknown ratio counts as zero in the
+    moving joint's own load and makes other joints' loads NaN.
+
+    Source: S.-K. Lin, eq. (11), (25), in the directions of the axes.
+    """
+    robot, number = model.robot, samples.joint
+    i, g = number - 1, np.asarray(robot.gravity, dtype=float)
+    frames = robot.rotations(samples.position)
+    z = frames[:, :, :, 2]
+    levers = np.cross(z, g)
+    moments, weights = _moments(model, frames, samples=samples, solution=solution)
+    turns = robot.is_revolute
+    heavy = np.abs(moments).max(axis=(0, 2)) > 0
+    counted = np.where(heavy[None, :], np.triu(scales), 0.0)
+    elsewhere = np.einsum("mkp,mjp,kj->mk", levers, moments, counted, optimize=True)
+    elsewhere[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
+    ratios = np.nan_to_num(scales[i])
+    parts = moments * ratios[None, :, None]
+    parts[:, :i] = 0.0
+    h = parts.sum(axis=1)
+    load = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else elsewhere[:, i]
+    slopes = np.column_stack(
+        [_slope(i, m, z=z, parts=parts, weights=weights * ratios, g=g, turns=turns) for m in range(len(turns))]
+    )
+    turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
+    felt = np.einsum("mjk,j->mk", moments, felt_ratios(heavy, scales, i))
+    if turns[i]:
+        tilts = np.column_stack([np.einsum("mk,mk->m", np.cross(z[:, i], way), felt) for way in turned])
+        moment = np.cross(g, felt)
+        across = np.linalg.norm(moment - z[:, i] * np.einsum("mk,mk->m", z[:, i], moment)[:, None], axis=1)
+    else:
+        tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
+        across = np.zeros(len(samples))
+    friction = model.base(samples, links=False)
+    drawn = load + friction @ solution[: friction.shape[1]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
+    gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
+    return Loads(load, elsewhere, slopes, tilts, across, drawn, gains)
+
+
+def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:
+    """(M, J, 3) first moment that each link adds, in its own gain; (J,) masses of prismatic links, else 0."""
+    robot = model.robot
+    out, weights = np.zeros((len(samples), robot.n_joints, 3)), np.zeros(robot.n_joints)
+    reach = robot.displacements(samples.position)
+    for column, value in zip(model.columns, solution, strict=True):
+        if column.effect != "gravity":
+            continue
+        j, part = column.owner - 1, column.name.rsplit(".", 1)[1]
+        if part == "mass":
+            weights[j] = value
+            out[:, j] = reach[:, j, None] * frames[:, j, :, 2] * value
+        else:
+            out[:, j] += frames[:, j, :, "xy".index(part)] * value
+    return out, weights
+
+
+def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:
+    """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
+    next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
+    links = np.arange(len(scales))
+    for k in range(i, len(scales)):
+        beyond = heavy & (links >= k)
+        if np.all(np.isfinite(scales[k][beyond])):
+            return np.where(beyond, scales[k], 0.0)
+    return np.zeros(len(scales))
+
+
+def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: Flags) -> Floats:
+    """(M,) derivative of joint i's load by joint m's position (both from 0)."""
+    if not turns[m]:
+        far = weights[m] if turns[i] and m > i else 0.0
+        return np.einsum("mk,mk->m", np.cross(z[:, i], g), z[:, m]) * far
+    if not turns[i]:
+        return -(np.cross(z[:, m], z[:, i]) @ g) * weights[i] if m < i else np.zeros(len(z))
+    if m <= i:  # all of it turns: as if gravity turned the other way
+        return -np.einsum("mk,mk->m", np.cross(z[:, i], np.cross(z[:, m], g)), parts.sum(axis=1))
+    return np.einsum("mk,mk->m", np.cross(z[:, i], g), np.cross(z[:, m], parts[:, m:].sum(axis=1)))

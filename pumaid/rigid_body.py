@@ -21,8 +21,6 @@ STATES, SPEED, ACCELERATION = 300, 3.0, 20.0
 #: A column of which less than this share is left beside the columns before it is one of their combinations; one that is
 #: smaller than this share of the largest is zero but for the rounding of twists by right angles.
 RANK = 1e-7
-#: Samples worked on at a time: the arrays of a chunk stay in a processor's cache.
-CHUNK = 2048
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,21 +45,12 @@ class RigidBody:
         Source: the recursive Newton-Euler equations, linear in the parameters: W. Khalil and E. Dombre, Modeling,
         Identification and Control of Robots, ch. 9.
         """
-        n_samples = position.shape[1]
-        out = [np.empty((self.width(joint), n_samples)) for joint in range(1, self.robot.n_joints + 1)]
-        for first in range(0, n_samples, CHUNK):
-            part = slice(first, first + CHUNK)
-            self._fill([rows[:, part] for rows in out], position[:, part], velocity[:, part], acceleration[:, part])
-        return out
-
-    def _fill(self, out: list[Floats], position: Floats, velocity: Floats, acceleration: Floats) -> None:
+        parts: list[list[Floats]] = [[] for _ in self.counted]
         for link, state in enumerate(_links(self.robot, position, velocity, acceleration)):
-            first = sum(map(len, self.counted[:link]))
-            columns = _columns(state, self.counted[link])
-            for joint, rows in enumerate(out[: link + 1]):
-                start = first - sum(map(len, self.counted[:joint]))
-                for place, (number, column) in enumerate(zip(self.counted[link], columns, strict=True), start):
-                    rows[place] = (acceleration[link] if joint == link else 0.0) if number == 10 else column[joint]
+            for column in _columns(state, self.counted[link], acceleration[link]):
+                for joint in range(link + 1):
+                    parts[joint].append(column[joint])
+        return [np.array(columns).reshape(len(columns), -1) for columns in parts]
 
     def dense(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
         """(J, N, p) the same with a zero where a joint does not feel a link."""
@@ -72,16 +61,9 @@ class RigidBody:
         return out
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _LinkState:
-    """One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N);
-    and how the link turns, and its origin moves, by each joint up to its own, (3, j, N)."""
-
-    spin: Floats
-    spin_rate: Floats
-    pull: Floats
-    turn: Floats
-    shift: Floats
+#: One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N); and how
+#: the link turns, and its origin moves, by each joint up to its own, (3, j, N).
+_LinkState = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
 def _links(robot: Robot, position: Floats, velocity: Floats, acceleration: Floats) -> Iterator[_LinkState]:
@@ -114,15 +96,12 @@ def _links(robot: Robot, position: Floats, velocity: Floats, acceleration: Float
             pull[2] += acceleration[j]
         turn = np.concatenate([turn, along if turns else still], axis=1)
         shift = np.concatenate([shift, still if turns else along], axis=1)
-        yield _LinkState(spin, spin_rate, pull, turn, shift)
+        yield spin, spin_rate, pull, turn, shift
 
 
-def _columns(state: _LinkState, counted: tuple[int, ...]) -> list[Floats]:
+def _columns(state: _LinkState, counted: tuple[int, ...], acceleration: Floats) -> Iterator[Floats]:
     """(j, N) of each counted parameter: power per unit speed of each joint that moves the link."""
-    spin, rate, pull = (part[:, None, :] for part in (state.spin, state.spin_rate, state.pull))
-    turn, shift = state.turn, state.shift
-    out: list[Floats] = []
-    moments, twist = np.zeros(0), np.zeros(0)
+    (spin, rate, pull), (turn, shift) = (part[:, None, :] for part in state[:3]), state[3:]
     if any(1 <= number <= 3 for number in counted):
         moments = _cross(pull, turn)
         moments += _cross(shift, rate)
@@ -132,9 +111,9 @@ def _columns(state: _LinkState, counted: tuple[int, ...]) -> list[Floats]:
         twist = _cross(turn, spin)
     for number in counted:
         if number == 0:
-            out.append(_dot(shift, pull))
+            yield _dot(shift, pull)
         elif number <= 3:
-            out.append(moments[number - 1])
+            yield moments[number - 1]
         elif number <= 9:
             a, b = TENSOR[PARAMETERS[number]]
             column = turn[a] * rate[b]
@@ -142,10 +121,9 @@ def _columns(state: _LinkState, counted: tuple[int, ...]) -> list[Floats]:
             if a != b:
                 column += turn[b] * rate[a]
                 column += twist[b] * spin[a]
-            out.append(column)
+            yield column
         else:
-            out.append(np.zeros(0))
-    return out
+            yield np.eye(turn.shape[1])[-1][:, None] * acceleration
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -181,15 +159,9 @@ def _base_columns(joints: tuple[Joint, ...], gravity: tuple[float, float, float]
     constant = np.repeat(np.eye(robot.n_joints)[:, slides], STATES, axis=0) / np.sqrt(STATES)
     is_late = [0.5 * (part == "rotor" and slides[link - 1]) for link, part in everything.names]
     order = np.argsort([link for link, _ in everything.names] - np.array(is_late), kind="stable")
-    basis, counted = constant, []
-    for number in order[size[order] > RANK * size.max()]:
-        column = matrix[:, number] / size[number]
-        for _ in range(2):
-            column = column - basis @ (basis.T @ column)
-        size_beside = float(np.linalg.norm(column))
-        if size_beside > RANK:
-            basis = np.column_stack([basis, column / size_beside])
-            counted.append(everything.names[number])
+    order = order[size[order] > RANK * size.max()]
+    upper: Floats = np.asarray(np.linalg.qr(np.hstack([constant, matrix[:, order] / size[order]]), mode="r"))
+    counted = [everything.names[k] for k in order[np.abs(upper.diagonal()[constant.shape[1] :]) > RANK]]
     return tuple(
         tuple(k for k, name in enumerate(PARAMETERS) if (link, name) in counted)
         for link in range(1, robot.n_joints + 1)

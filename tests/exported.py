@@ -7,10 +7,9 @@ import numpy as np
 from pumaid.effect_spec import expanded, terms_of
 from pumaid.effects import catalogue
 from pumaid.estimate import Estimate, JointFit, Value
-from pumaid.gravity_load import loads
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.kinematics import placement
-from pumaid.model import Model
+from pumaid.model import Model, loads
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.samples import Samples
 from pumaid.simulation.random_robot import draw

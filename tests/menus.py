@@ -11,8 +11,8 @@ from pumaid.design.information import CandidateInformation, candidate_informatio
 from pumaid.design.prior import Prior, prior_robots
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.model import minimal
 from pumaid.robot import Robot
-from pumaid.structure import minimal
 from pumaid.trajectory import Motion, Plan
 
 

@@ -9,10 +9,10 @@ from scipy import sparse
 from pumaid.design.candidate_runs import Block
 from pumaid.effects import catalogue
 from pumaid.maths import Counts, Floats
+from pumaid.model import Structure
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 from pumaid.simulation.virtual_robot import Noise, Truth
-from pumaid.structure import Structure
 from pumaid.trajectory import Motion, Plan, cruise, duration
 
 #: Samples a second that a forecast assumes.

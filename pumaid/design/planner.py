@@ -24,8 +24,8 @@ from pumaid.design.prior import Prior
 from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Where
 from pumaid.maths import Counts
+from pumaid.model import minimal
 from pumaid.robot import Robot
-from pumaid.structure import minimal
 from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Plan, Posture, duration, highest_speeds
 from pumaid.units import number
 

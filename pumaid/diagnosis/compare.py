@@ -11,7 +11,7 @@ import numpy as np
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.candidates import Candidates, Expansion, Spectrum, spectrum
 from pumaid.diagnosis.score_test import replicate_test, score_candidates, sign_flips
-from pumaid.effect_spec import EffectTerm, check_known
+from pumaid.effect_spec import EffectTerm
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import (
@@ -423,7 +423,6 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     S.-K. Lin, section IV: the estimated against the measured current, and the standard deviation in Table I.
     """
     check_same_recipe(estimate, robot)
-    check_known(estimate.effects)
     at_joints = predictions(estimate, dataset, robot)
     digests = set(estimate.logs.values())
     files = {facts.name for facts in dataset.files if facts.digest in digests}

@@ -32,7 +32,7 @@ from pumaid.diagnosis.records import (
 )
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
 from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
-from pumaid.effect_spec import EffectTerm, check_known, option_text, terms_of
+from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
@@ -447,7 +447,6 @@ def diagnose(
         There is no run to look at.
     """
     check_same_recipe(estimate, robot)
-    check_known(estimate.effects)
     fitted = [run for run in dataset.runs if not run.heldout]
     # In a stroke the model misses more, by all that a change of speed does; a few strokes, left by moves between
     # postures, would pass for missing physics of a joint that has runs at constant speed enough.

@@ -445,12 +445,12 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
     ------
     A. C. Atkinson, Biometrika 56 (1969) 33-41: a variable of the model's own prediction as a test of it.
     """
-    place = last.place_of(added)
+    place = [(effect.key, effect.shape) for effect in last.model.effects].index((added.key, added.shape))
     is_effect = np.isin(np.arange(len(last.inverse)), last.columns_of(place))
     held, sums = np.zeros_like(last.inverse), np.zeros((2, len(is_effect)))
     drawn2, shared = 0.0, 0.0
     for bins in heldout:
-        if bins.joint not in last.noises:
+        if bins.joint not in last.by_bin:
             continue
         row = elsewhere(last, bins)
         drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))

@@ -12,11 +12,16 @@ from pumaid.effect_spec import expanded
 from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
-from pumaid.estimation.covariance import fit_covariance, interval, recursion_covariance
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
 from pumaid.estimation.fit import clusters
 from pumaid.estimation.gls import Progress
-from pumaid.estimation.identifiability import FittedParameters, combinations
+from pumaid.estimation.identifiability import (
+    FittedParameters,
+    combinations,
+    fit_covariance,
+    interval,
+    recursion_covariance,
+)
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.estimation.reasons import JointCoverage, reason
 from pumaid.model import Model
@@ -120,7 +125,7 @@ def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence
                 out.append(replace(bare, value=term.shape[name], ci95=result.ranges.get((place, name))))
             else:
                 why = reason("no size", effect=term.effect.name)
-                out.append(replace(bare, state=NOT_IDENTIFIABLE, reason=why.text))
+                out.append(replace(bare, state=NOT_IDENTIFIABLE, **why))
     return out
 
 
@@ -138,11 +143,11 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
     for place, term in enumerate(model.effects):
         columns = {n: column for n, column in enumerate(model.columns) if column.place == place}
         lost = any(n in parameters.confounded for n in columns)
-        if result.search is None or lost or not term.fitted or term.held or not all(reach[n] > 0 for n in columns):
+        if lost or not term.fitted or term.held or not all(reach[n] > 0 for n in columns):
             continue
         linear = [n for n, column in columns.items() if column.shape is None]
         best = term.at(result.shapes[place])
-        profile = ShapeLikelihood(result.search.without(place), best, result.fit.limit[linear])
+        profile = ShapeLikelihood(result.without(place), best, result.fit.limit[linear])
         for n, column in columns.items():
             if column.shape is not None:
                 error = float(np.sqrt(parameters.covariance[n, n]))
@@ -159,23 +164,13 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
 def _joint_fit(result: EffectFit, joint: int, covered: JointCoverage, prediction: JointPrediction | None) -> JointFit:
     """How well one joint is fitted; `prediction` is the model at all of its runs, None where there are none."""
     why = f"joint {joint} never moves alone in these logs"
-    if prediction is None:
-        return JointFit(joint, 0, 0, None, None, why)
-    heldout_runs, heldout = int(prediction.heldout.sum()), rmse([(prediction, prediction.heldout)])
-    if not covered.runs:
-        return JointFit(joint, 0, 0, None, None, why, heldout_runs=heldout_runs, heldout=heldout)
-    floor, unknown = prediction.noise_floor()
-    fitted, runs = result.fit, [run for run in prediction.bins.runs if not run.heldout]
+    nothing = {"joint": joint, "runs": 0, "samples": 0, "rmse": None, "noise_floor": None, "noise_floor_reason": why}
+    figures, fitted = {} if prediction is None else prediction.figures(), result.fit
+    if prediction is None or not covered.runs:
+        return JointFit(**figures | nothing)
     return JointFit(
-        joint=joint,
-        runs=covered.runs,
-        samples=sum(run.samples for run in runs),
-        rmse=rmse([(prediction, ~prediction.heldout)]),
-        noise_floor=floor,
-        noise_floor_reason=unknown,
+        **figures,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
         posture_groups=covered.postures,
-        kinds=dict(sorted(Counter(run.kind for run in runs).items())),
-        heldout_runs=heldout_runs,
-        heldout=heldout,
+        kinds=dict(sorted(Counter(run.kind for run in prediction.bins.runs if not run.heldout).items())),
     )

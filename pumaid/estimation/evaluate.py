@@ -4,17 +4,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
-from pumaid.gravity_load import along, with_inertia
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Flags, Floats
-from pumaid.model import Model
+from pumaid.model import Model, loads_at
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.robot import Robot
 
@@ -191,11 +190,9 @@ class JointPrediction:
     def __init__(self, model: Model, estimate: Estimate, bins: JointBins) -> None:
         self.model, self.estimate, self.bins = model, estimate, bins
         self._factors = np.nan_to_num(model.factors(estimate.scales, bins.joint))
-        nodes, _ = bins.nodes
         gravity = None
         if model.needs_loads():
-            gravity = along(model, nodes, 3 * bins.lengths, solution=estimate.solution, scales=estimate.scales)
-            gravity = with_inertia(model, bins, gravity, weights=self._factors * estimate.solution)
+            gravity = loads_at(model, bins, solution=estimate.solution, scales=estimate.scales, at_nodes=True)
         fine, count = model.at_nodes(bins, gravity), bins.count
         self.design = bins.averaged(fine)
         names = np.array([column.effect for column in model.columns])
@@ -278,29 +275,35 @@ class JointPrediction:
                 parts=together(acting, groups),
             )
 
+    def figures(self) -> dict[str, Any]:
+        """What a `JointFit` and a `JointScore` both say of `counted` runs, by the names of their fields."""
+        floor, why = self.noise_floor()
+        return {
+            "joint": self.bins.joint,
+            "runs": int(self.counted.sum()),
+            "samples": int(self.samples[self.counted].sum()),
+            "rmse": rmse([(self, self.counted)]),
+            "noise_floor": floor,
+            "noise_floor_reason": why,
+            "heldout_runs": int(self.heldout.sum()),
+            "heldout": rmse([(self, self.heldout)]),
+        }
+
     def joint_score(self, scores: Sequence[RunScore]) -> JointScore:
         """The joint's figures; `scores` are those of its runs. The budget is left out."""
-        chosen, bins = self.counted, self.bins
-        samples, square = float(self.samples[chosen].sum()), float(self.square[chosen].sum())
+        chosen, bins, figures = self.counted, self.bins, self.figures()
+        samples, square = figures["samples"], float(self.square[chosen].sum())
         current = float(self.current_square[chosen].sum())
         totals = [float(bins.sums(bins.count * values)[chosen].sum()) for values in (self.residual, bins.current)]
         parts = self.products[chosen].sum(axis=0) / max(current, NOTHING**2 * samples)
         shares = together(dict(zip(self.effects, parts.tolist(), strict=True)), self.groups())
         shares = {name: share for name, share in shares.items() if share != 0.0 and current > NOTHING**2 * samples}
-        floor, why = self.noise_floor()
         return JointScore(
-            joint=bins.joint,
-            runs=int(chosen.sum()),
-            samples=int(samples),
-            rmse=float(np.sqrt(square / samples)),
+            **figures,
             bias=totals[0] / samples,
             explained=_explained(square, current - totals[1] ** 2 / samples, samples),
-            noise_floor=floor,
-            noise_floor_reason=why,
             rms=float(np.sqrt(current / samples)),
             shares=shares | {UNEXPLAINED: 1.0 - sum(shares.values())} if shares else {},
-            heldout_runs=int(self.heldout.sum()),
-            heldout=rmse([(self, self.heldout)]),
             undetermined=sum(score.undetermined for score in scores),
         )
 

@@ -13,11 +13,10 @@ from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation import noise as noises
 from pumaid.estimation.noise import Levels, NoiseModel, reduced
-from pumaid.gravity_load import along, with_inertia
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats, rank
 from pumaid.maths.bilinear import Bilinear, Gains, JointSolution
-from pumaid.model import Model
+from pumaid.model import Model, loads_at
 from pumaid.samples import Samples
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
@@ -87,11 +86,6 @@ class Row:
         return noises.whiten(levels, self.ones, values).reshape(self.target.size, -1)
 
     @property
-    def stacked(self) -> Floats:
-        """(R k, p) regressors."""
-        return self.regressors.reshape(-1, self.regressors.shape[2])
-
-    @property
     def joined(self) -> Floats:
         """(R, k, p + 1): regressors and target side by side."""
         return np.concatenate([self.regressors, self.target[:, :, None]], axis=2)
@@ -132,13 +126,6 @@ class FitRow:
         """RMSE (A) of the samples; within bins the prediction is taken for a straight line."""
         count = self.bins.count
         return float(np.sqrt(count @ (self.misfit**2 + self.bins.inside_left(self.drawn)) / count.sum()))
-
-    def by_run(self) -> tuple[Floats, Floats]:
-        """(R,) RMS (A) of the samples about each run's own mean residual, and (R,) that mean (A)."""
-        bins, samples = self.bins, self.bins.sums(self.bins.count)
-        level = bins.sums(bins.count * self.misfit) / samples
-        squares = bins.count * ((self.misfit - level[bins.run]) ** 2 + bins.inside_left(self.drawn))
-        return np.sqrt(bins.sums(squares) / samples), level
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,27 +215,20 @@ class Fit:
         """Linear parameters of an effect, by its place in the model."""
         return self.values[[n for n in self.columns_of(place) if self.model.columns[n].shape is None]]
 
-    def place_of(self, term: EffectTerm) -> int:
-        """Place of an effect in the model."""
-        return [(effect.key, effect.shape) for effect in self.model.effects].index((term.key, term.shape))
-
     def signs(self, term: EffectTerm) -> Floats:
         """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
         signs = np.array(term.effect.signs(term.shape), dtype=float)
         if len(signs) == 0:
             return np.zeros(len(term.effect.parameters(self.model.robot, term.number)))
-        return signs * (self._side(term.number) if term.effect.opposes_motion else 1.0)
-
-    def _side(self, joint: int) -> float:
-        """+1 where friction of `joint` draws current along the motion, -1 where it counts backwards, else 0."""
+        # Friction draws current along the motion, or, where the motor counts it so, backwards.
         values = dict(zip(self.model.names, self.values, strict=True))
-        pair = [values.get(f"coulomb.j{joint}.{way}") for way in ("plus", "minus")]
-        return 0.0 if pair[0] is None or pair[1] is None else float(np.sign(pair[0] - pair[1]))
+        plus, minus = (values.get(f"coulomb.j{term.number}.{way}", 0.0) for way in ("plus", "minus"))
+        return signs * (np.sign(plus - minus) if term.effect.opposes_motion else 1.0)
 
     @property
     def noises(self) -> dict[int, NoiseModel]:
         """By joint."""
-        return {row.bins.joint: row.noise for row in self.joints}
+        return {joint: row.noise for joint, row in self.by_bin.items()}
 
     @cached_property
     def by_bin(self) -> dict[int, FitRow]:
@@ -300,17 +280,12 @@ def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
     return np.repeat([numbers[key] for key in keys], widths), np.array([joint for joint, *_ in numbers])
 
 
-def rmse_by_joint(fitted: Fit) -> dict[int, float]:
-    """Joint -> RMSE (A) of its fitted runs."""
-    return {joint: row.rmse for joint, row in fitted.by_bin.items()}
-
-
 def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Samples:
     """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit."""
-    samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
-    loads = along(fitted.model, samples, times * bins.lengths, solution=fitted.values, scales=fitted.scales())
-    loads = with_inertia(fitted.model, bins, loads, weights=fitted.factors(bins.joint) * fitted.values)
-    return replace(samples, loads=loads)
+    samples, scales = bins.nodes[0] if at_nodes else bins.samples, fitted.scales()
+    return replace(
+        samples, loads=loads_at(fitted.model, bins, solution=fitted.values, scales=scales, at_nodes=at_nodes)
+    )
 
 
 def misfit_at(fitted: Fit, bins: JointBins) -> Floats:
@@ -321,7 +296,7 @@ def misfit_at(fitted: Fit, bins: JointBins) -> Floats:
 
 def at_bins(fitted: Fit, bins: JointBins) -> Fit:
     """The same fit with one joint's row at other bins, noise as these show it."""
-    design, bins = design_of(fitted.model, bins, fitted), _loaded(fitted, bins)
+    design, bins = design_of(fitted.model, bins, fitted), replace(bins, samples=with_loads(fitted, bins))
     noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
     other = fitted.with_rows({bins.joint: fitted.at(bins, design, noise)})
     inverse, _ = rank.pseudo_inverse(other.information() + np.diag(fitted.prior**2))
@@ -333,17 +308,16 @@ def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
     """One joint of the fit at runs that were not fitted, their noise like that of fitted runs as fast."""
     old, design = fitted.row(bins.joint), design_of(fitted.model, bins, fitted)
     noise = old.noise.at(old.bins, np.array([abs(run.speed) for run in bins.runs]), bins.step)
-    return fitted.at(_loaded(fitted, bins), design, noise)
+    return fitted.at(replace(bins, samples=with_loads(fitted, bins)), design, noise)
 
 
 def loaded(fitted: Fit) -> Fit:
     """The same fit, the bins of which have loads by it, for candidates that need them."""
-    rows = {joint: replace(row, bins=_loaded(fitted, row.bins)) for joint, row in fitted.by_bin.items()}
+    rows = {
+        joint: replace(row, bins=replace(row.bins, samples=with_loads(fitted, row.bins)))
+        for joint, row in fitted.by_bin.items()
+    }
     return fitted.with_rows(rows)
-
-
-def _loaded(fitted: Fit, bins: JointBins) -> JointBins:
-    return replace(bins, samples=with_loads(fitted, bins))
 
 
 def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Floats:
@@ -387,11 +361,13 @@ class Projector:
     """
 
     def __init__(self, solved: Fit, *, whole: Fit | None = None, at_nodes: bool = False) -> None:
-        self.solved, self.whole, self.at_nodes = solved, whole, at_nodes
+        self.solved, self.at_nodes, self._samples = solved, at_nodes, dict[int, Samples]()
+        for joint, row in solved.by_bin.items():
+            points = row.bins.nodes[0] if at_nodes else row.bins.samples
+            self._samples[joint] = points if whole is None else with_loads(whole, row.bins, at_nodes=at_nodes)
         stops = np.cumsum([0, *(len(row.bins.runs) for row in solved.joints)]).tolist()
         self.runs = {row.bins.joint: slice(*stops[k : k + 2]) for k, row in enumerate(solved.joints)}
         self.total = stops[-1]
-        self._loaded: dict[int, Samples] = {}
 
     @cached_property
     def base_scores(self) -> Floats:
@@ -406,18 +382,9 @@ class Projector:
         made, robot = dict[int, Floats](), self.solved.model.robot
         for row in self.solved.joints:
             if terms[0].touches(row.bins.joint):
-                columns = columns_each(terms, robot, self._samples(row.bins.joint, terms[0].effect.needs_loads))
+                columns = columns_each(terms, robot, self._samples[row.bins.joint])
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
-
-    def _samples(self, joint: int, needs_loads: bool) -> Samples:
-        bins = self.solved.row(joint).bins
-        points = bins.nodes[0] if self.at_nodes else bins.samples
-        if self.whole is None or not needs_loads:
-            return points
-        if joint not in self._loaded:
-            self._loaded[joint] = with_loads(self.whole, bins, at_nodes=self.at_nodes)
-        return self._loaded[joint]
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""

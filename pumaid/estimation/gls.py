@@ -50,8 +50,7 @@ def assign(model: Model, moving: Sequence[int]) -> Counts:
 
 def owners_of(model: Model, assigned: Counts) -> Counts:
     """(p,) joint (from 0) in whose gain each column counts; -1 for one that acts on several joints in their own."""
-    shared = [column.scope in (Scope.CAUSE, Scope.ARM) for column in model.columns]
-    return np.where(shared, -1, assigned[model.owners - 1])
+    return np.where([c.scope in (Scope.CAUSE, Scope.ARM) for c in model.columns], -1, assigned[model.owners - 1])
 
 
 def fit_bins(
@@ -111,7 +110,7 @@ def _recursions(
     for row in rows:
         tell(row.joint, "solving")
         number = row.joint - 1
-        design = start.design(number, row.stacked)[0].reshape(*row.target.shape, -1)
+        design = start.design(number, row.regressors.reshape(row.target.size, -1))[0].reshape(*row.target.shape, -1)
         estimated = noises.estimate(row.ones, design, row.target, counts=row.counts)
         if estimated is None:
             weak.append(row.joint)
@@ -296,12 +295,10 @@ def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:
     that a shape at which it looks like the paper's model does not let it, and with it that model, run off; and shapes
     that are best at a bound are kept there where the prior `is_tight`.
     """
-    out = np.zeros(len(limit))
-    for index, column in enumerate(model.columns):
-        at_bound = column.place is not None and column.shape in model.effects[column.place].held
-        if column.place is not None:
-            out[index] = (TIGHT if is_tight and at_bound else 1.0) / limit[index]
-    return out
+    places = [None if column.place is None else model.effects[column.place].held for column in model.columns]
+    at_bound = [held is not None and column.shape in held for column, held in zip(model.columns, places, strict=True)]
+    firm = np.where(at_bound, TIGHT if is_tight else 1.0, 1.0)
+    return np.array([held is not None for held in places]) * firm / limit
 
 
 def system_of(rows: Sequence[Row], levels: Mapping[int, Levels], owners: Counts) -> Bilinear:
@@ -318,7 +315,8 @@ def releveled(fitted: Fit) -> Fit:
     """
     out, values, gains, owners = dict(fitted.levels), fitted.values, fitted.gains, fitted.system.owners
     for row in fitted.rows:
-        plain = Bilinear(np.full(row.target.size, row.joint - 1), row.stacked, row.target.ravel(), owners)
+        flat = row.regressors.reshape(row.target.size, -1)
+        plain = Bilinear(np.full(len(flat), row.joint - 1), flat, row.target.ravel(), owners)
         edges = [len(values) + k for k, edge in enumerate(gains.edges) if gains.parent[edge] == row.joint - 1]
         columns = np.append(np.flatnonzero(owners == row.joint - 1), edges).astype(int)
         design = plain.jacobian(gains, values)[:, columns].reshape(*row.target.shape, -1)

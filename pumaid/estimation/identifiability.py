@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import special
 
 from pumaid.dataset import STROKE
 from pumaid.effect_spec import Column
@@ -12,16 +13,23 @@ from pumaid.effects import Scope
 from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation import reasons
-from pumaid.estimation.covariance import Clustered, completed, interval, two_sided
-from pumaid.estimation.fit import Fit, Row
+from pumaid.estimation.fit import Fit, Row, clusters
 from pumaid.estimation.noise import freedoms
 from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
 from pumaid.samples import Samples
 
+#: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
+#: residual tells nothing, and its variance is taken from the working model.
+FITTED_ALONE = 1e-3
+#: Runs that are worked on at once: what each pulls takes some 25 kB.
+AT_ONCE = 1000
+#: Share of the largest singular value of a row's scaled normal matrix below which there is only rounding: its columns'
+#: own singular values, squared, with four digits to spare above machine precision.
+ROUNDING = 1e-12
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
 #: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of
@@ -47,6 +55,142 @@ LEANING = 0.02
 WORTH = 30.0
 #: Terms below this share of the largest are rounding.
 SHARE = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Clustered:
+    """Covariance (p, p) clustered by run and the degrees of freedom (p,) behind each parameter's variance."""
+
+    covariance: Floats
+    freedoms: Floats
+
+
+def clustered(
+    jacobian: Floats, residual: Floats, inverse: Floats, *, runs: Counts, kin: Counts | None = None
+) -> Clustered:
+    """Cluster-robust covariance with the bias-reduced correction CR2 and Satterthwaite degrees of freedom.
+
+    What a single run determines leaves no residual that could tell its error: there the working model's noise counts,
+    as well known as the runs that it was estimated from are many: of each run, by rising number, `kin` (R,) says with
+    which others that was, all where not given. `jacobian` (N, p) and `residual` (N,) are whitened by the working model,
+    `inverse` (p, p) is the inverse information of all runs together, `runs` (N,) the run of each equation.
+
+    Source: R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169-181; J. E. Pustejovsky and E. Tipton, J.
+    Bus. Econ. Stat. 36 (2018) 672-683.
+    """
+    # Rows of each run by rising number, zero where a run has fewer than others.
+    _, run, lengths = np.unique(runs, return_inverse=True, return_counts=True)
+    order, p = np.argsort(run, kind="stable"), len(inverse)
+    table = np.zeros((len(lengths), int(lengths.max()), p + 1))
+    place = np.arange(len(runs)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    table[run[order], place] = np.column_stack([jacobian, residual])[order]
+    scores, alone = np.zeros((len(table), p)), np.zeros((len(table), p))
+    lent, trace, squares, gram = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((p, p, p))
+    for start in range(0, len(table), AT_ONCE):
+        block = slice(start, start + AT_ONCE)
+        J, e = table[block, :, :-1], table[block, :, -1:]
+        eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - J @ inverse @ J.transpose(0, 2, 1))
+        is_alone = eigenvalues <= FITTED_ALONE
+        root = np.where(is_alone, 0.0, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)))
+        A = (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1)
+        scores[block] = np.sum(J * (A @ e), axis=1) @ inverse
+        # What a unit of noise does in directions that a run fits alone.
+        out = (vectors.transpose(0, 2, 1) @ J * is_alone[:, :, None]) @ inverse
+        alone[block] = np.sum(out**2, axis=1)
+        lent += np.tensordot(out, out, ((0, 1), (0, 1)))
+        a = A @ J @ inverse
+        squared, pull = np.sum(a**2, axis=1), J.transpose(0, 2, 1) @ a  # how each run's J' A J M pulls a contrast
+        turned = inverse @ pull
+        crossed = np.sum(pull * turned, axis=1)
+        trace += np.sum(squared - crossed, axis=0)
+        squares += np.sum(squared**2 - 2.0 * squared * crossed, axis=0)
+        gram += pull.transpose(2, 1, 0) @ turned.transpose(2, 0, 1)
+    squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
+    by_residuals = trace.copy()
+    groups = np.zeros(len(table), dtype=np.int64) if kin is None else kin
+    for group in np.unique(groups):
+        borrowed = alone[groups == group].sum(axis=0)
+        trace += borrowed
+        squares += borrowed**2 / max(1, np.count_nonzero(groups == group) - 1)
+    # Where next to nothing of a variance comes from residuals, they tell nothing of how well it is known.
+    is_shown = (squares > 0) & (by_residuals > FITTED_ALONE * trace)
+    return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=is_shown))
+
+
+def completed(working: Floats, errors: Floats, poor: Flags) -> Floats:
+    """A covariance `errors` (p, p) of which the `poor` parameters (p,) are known by `working` (p, p) only.
+
+    Taking the poor ones' rows and columns from the other would not do: the two together may give a sum of parameters a
+    variance below zero. The poor ones depend on the rest as by `working`, and are never surer than there.
+    """
+    good = ~poor
+    if not poor.any():
+        return errors
+    size = np.sqrt(np.maximum(np.diag(working), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    scaled, certain = working / np.outer(size, size), errors[np.ix_(good, good)]
+    slope = scaled[np.ix_(poor, good)] @ np.linalg.pinv(scaled[np.ix_(good, good)], rcond=1e-10, hermitian=True)
+    rest = scaled[np.ix_(poor, poor)] - slope @ scaled[np.ix_(good, poor)]
+    slope *= size[poor][:, None] / size[good]
+    whole = slope @ certain @ slope.T + rest * np.outer(size[poor], size[poor])
+    whole[np.diag_indices_from(whole)] += np.maximum(np.diag(working)[poor] - np.diag(whole), 0.0)
+    out = np.empty_like(errors)
+    out[np.ix_(good, good)], out[np.ix_(poor, poor)] = certain, 0.5 * (whole + whole.T)
+    out[np.ix_(poor, good)] = slope @ certain
+    out[np.ix_(good, poor)] = out[np.ix_(poor, good)].T
+    return out
+
+
+def interval(value: float, std_error: float, freedoms: float, *, level: float = 0.95) -> tuple[float, float]:
+    """Student's interval; the normal one where `freedoms` is infinite."""
+    half = float(special.stdtrit(freedoms, 0.5 + level / 2.0)) * std_error
+    return value - half, value + half
+
+
+def two_sided(statistic: float, freedoms: float) -> float:
+    """Probability of a Student t at least as large as |statistic|."""
+    return float(2.0 * special.stdtr(freedoms, -abs(statistic)))
+
+
+def fit_covariance(fitted: Fit) -> Clustered:
+    """Of all parameters and ratios of a fit, clustered by run."""
+    solution, inverse = fitted.solution, fitted.inverse
+    runs, kin = clusters(fitted.rows)
+    errors = clustered(solution.jacobian, solution.residual, inverse, runs=runs, kin=kin)
+    # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
+    priors = inverse * fitted.prior
+    return Clustered(errors.covariance + priors @ priors.T, errors.freedoms)
+
+
+def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: Counts) -> Clustered:
+    """Covariance of the recursion's parameters and ratios, clustered by `runs` (N,), with each one's freedoms in its
+    own row.
+
+    Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own solution
+    operator times the derivative of the row's prediction by the outer results.
+    """
+    p, jacobian, residual = len(values), system.jacobian(gains, values), system.left(values, gains)
+    size = jacobian.shape[1]
+    covariance, freedoms = np.zeros((size, size)), np.zeros(size)
+    for row in reversed(range(gains.n_rows)):
+        equations = np.flatnonzero(system.row == row)
+        edges = [p + k for k, upper in enumerate(gains.uppers) if upper == row]
+        columns = np.append(np.flatnonzero(system.owners == row), edges).astype(int)
+        if len(equations) == 0 or len(columns) == 0:
+            continue
+        J = jacobian[np.ix_(equations, columns)]
+        scale = np.linalg.norm(J, axis=0)
+        back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+        unit = J * back
+        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
+        outer = np.setdiff1d(np.arange(size), columns)
+        carry = -inverse @ J.T @ jacobian[np.ix_(equations, outer)]
+        alone = clustered(J, residual[equations], inverse, runs=runs[equations])
+        crossed = carry @ covariance[np.ix_(outer, outer)]
+        covariance[np.ix_(columns, columns)] = alone.covariance + crossed @ carry.T
+        covariance[np.ix_(columns, outer)], covariance[np.ix_(outer, columns)] = crossed, crossed.T
+        freedoms[columns] = alone.freedoms
+    return Clustered(covariance, freedoms)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,7 +222,7 @@ class FittedParameters:
         covariance = completed(solution.linear.inverse, errors.covariance, errors.freedoms < FEWEST_FREEDOMS)
         dof = _freedoms(fitted, errors, recursive=recursive)
         absorbed = first.absorbed if first else {}
-        partners = {} if first else Confounding.of(fitted).partners(fitted)
+        partners = {} if first else confounded(fitted)[2]
         return cls(fitted, solution, covariance, dof, coverage, absorbed=absorbed, confounded=partners)
 
     def reach(self) -> Floats:
@@ -95,7 +239,7 @@ class FittedParameters:
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
-            out.append(_open(Value(name, symbol, link, "A s2/m"), Reason(why)))
+            out.append(_open(Value(name, symbol, link, "A s2/m"), {"reason": why}))
         n, further = model.robot.n_joints, list[Value]()
         for inner in range(1, n):
             ratios = (self._ratio(inner, outer) for outer in range(inner + 1, n + 1))
@@ -121,7 +265,8 @@ class FittedParameters:
             row = next((row for row in self.fitted.rows if row.joint == column.owner), None)
             lever = 1.0  # RMS of a gravity column over its joint's own runs, as a share of g
             if row is not None and column.effect == "gravity":
-                lever = _rms(row, row.design[:, index]) / float(np.linalg.norm(model.robot.gravity))
+                square = float(np.average(row.design[:, index] ** 2, weights=row.bins.count))
+                lever = math.sqrt(square) / float(np.linalg.norm(model.robot.gravity))
             why = reasons.of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever)
             return _open(bare, why)
         if self.solution is not self.fitted.solution and self.fitted.system.owners[index] < 0:
@@ -146,24 +291,34 @@ class FittedParameters:
         least = PART_OF * np.where(np.arange(len(share)) < p, share[:p].max(), share.max())
         names = _names(self.fitted, self.solution.gains)
         together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
-        return [*together, *(ratio_name(*pair) for pair in lost or [])]
+        return [*together, *(f"gain_ratio.{inner}.{outer}" for inner, outer in lost or [])]
 
     def _ratio(self, inner: int, outer: int) -> Value:
         p, load = len(self.solution.values), (0.0, 0.0)
-        bare = Value(ratio_name(inner, outer), f"eta{inner}/eta{outer}", inner, "")
+        bare = Value(f"gain_ratio.{inner}.{outer}", f"eta{inner}/eta{outer}", inner, "")
         value, gradient = ratio_gradient(self.solution.gains, inner - 1, outer - 1)
         edges = [int(edge) for edge in np.flatnonzero(gradient)]
         if self.coverage[inner].runs and self.coverage[outer].runs and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
             if together:
                 return _open(bare, reason("confounded", names=listed(together, NAMED)))
-            if not any(self._partners(p + edge) is not None or self._rests_on_open(edge) for edge in edges):
+            # The row that gave an edge may have taken a load for known that the recursion had left open.
+            uppers = self.solution.gains.uppers
+            beside = [k for edge in edges for k, upper in enumerate(uppers) if upper == uppers[edge]]
+            is_guess = any(not set(self.absorbed).isdisjoint(self._behind(k).tolist()) for k in beside)
+            if not is_guess and all(self._partners(p + edge) is None for edge in edges):
                 off = float(np.sum((gradient @ self.reach()[p:]) ** 2))
                 variance = float(gradient @ self.covariance[p:, p:] @ gradient) + off
                 dof = min((float(self.freedoms[p + edge]) for edge in edges), default=np.inf)
                 error = float(np.sqrt(max(variance, 0.0)))
                 is_certain = error < RATIO_KNOWN or two_sided(value / error, dof) < RATIO_LEVEL
-                if is_certain and all(self._carries(edge) for edge in edges):
+                errors = np.sqrt(np.diag(self.covariance))
+                chance = 0.0  # that no load is behind an edge
+                for edge in edges:
+                    loads = [n for n in self._behind(edge) if errors[n] > 0.0]
+                    chances = [two_sided(self.solution.values[n] / errors[n], self.freedoms[n]) for n in loads]
+                    chance = max(chance, min(chances, default=1.0))
+                if is_certain and chance < RATIO_LEVEL:
                     return _identified(bare, value, variance, dof)
                 load = min(map(self._load, edges), key=lambda pair: pair[0] / max(pair[1], 1e-300), default=load)
         return _open(bare, reasons.of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
@@ -174,108 +329,62 @@ class FittedParameters:
         is_load = [column.effect == "gravity" for column in self.fitted.model.columns]
         return np.flatnonzero(is_load & np.isin(self.fitted.system.owners, subtree))
 
-    def _rests_on_open(self, edge: int) -> bool:
-        """Whether the row that gave an edge took any load for known that the recursion had left open."""
-        gains = self.solution.gains
-        beside = [number for number, upper in enumerate(gains.uppers) if upper == gains.uppers[edge]]
-        return any(not set(self.absorbed).isdisjoint(self._behind(number).tolist()) for number in beside)
-
-    def _carries(self, edge: int) -> bool:
-        """Whether the load behind an edge is itself non-zero at `RATIO_LEVEL`."""
-        error = np.sqrt(np.diag(self.covariance))
-        loads = [n for n in self._behind(edge) if error[n] > 0.0]
-        values, freedoms = self.solution.values, self.freedoms
-        return any(two_sided(values[n] / error[n], freedoms[n]) < RATIO_LEVEL for n in loads)
-
     def _load(self, edge: int) -> tuple[float, float]:
         """RMS (A) of what comes through an edge in its upper joint's current, and that part's standard error."""
         gains, number = self.solution.gains, len(self.solution.values) + edge
         upper = gains.uppers[edge]
         row = next(row for row in self.fitted.rows if row.joint == upper + 1)
         at_bins = Bilinear(np.full(len(row.bins), upper), row.design, row.bins.current, self.fitted.system.owners)
-        slope = _rms(row, at_bins.jacobian(gains, self.solution.values)[:, number])
+        slopes = at_bins.jacobian(gains, self.solution.values)[:, number]
+        slope = math.sqrt(float(np.average(slopes**2, weights=row.bins.count)))
         return abs(gains.ratios[edge]) * slope, float(np.sqrt(self.covariance[number, number])) * slope
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Confounding:
-    """Sums of effects' linear parameters that the rest of the model could take over whole.
+def confounded(fitted: Fit) -> tuple[Counts, Floats, dict[int, tuple[str, ...]]]:
+    """Sums of effects' linear parameters that the rest of the model could take over whole, and what takes them over.
 
-    `effects` (m,) and `rest` (k,) are numbers of parameters and ratios (from 0); `ways` (h, m) the sums, in units of
-    the columns' sizes `size` (m,), and `taken` (h, k) what of the rest stands for each.
+    Returns (m,) numbers (from 0) of the effects' parameters; (h, m) sums of these; and number of a parameter or ratio
+    -> names of what the data show only together with it: what they say of either is what a prior says.
     """
-
-    effects: Counts
-    rest: Counts
-    size: Floats
-    ways: Floats
-    taken: Floats
-
-    @classmethod
-    def of(cls, fitted: Fit) -> "Confounding":
-        """Of a fit: what of its effects no run tells from its other columns."""
-        columns, jacobian = fitted.model.columns, fitted.solution.jacobian
-        is_effect = [column.place is not None for column in columns] + [False] * (jacobian.shape[1] - len(columns))
-        is_shape = [column.shape is not None for column in columns]
-        effects = np.array([n for n in range(len(columns)) if is_effect[n] and not is_shape[n]], dtype=int)
-        rest = np.flatnonzero(~np.array(is_effect))
-        size, scale = (np.linalg.norm(jacobian[:, numbers], axis=0) for numbers in (effects, rest))
-        effects, size, scale = effects[size > 0], size[size > 0], np.where(scale > 0, scale, 1.0)
-        if not len(effects):
-            return cls(effects, rest, size, np.zeros((0, 0)), np.zeros((0, len(rest))))
-        unit, base = jacobian[:, effects] / size, jacobian[:, rest] / scale
-        share, *_ = np.linalg.lstsq(base, unit, rcond=1e-12)
-        _, sizes, right = np.linalg.svd(unit - base @ share, full_matrices=False)
-        ways = right[sizes < SAME * max(1.0, sizes[0])]
-        return cls(effects, rest, size, ways, -(ways @ share.T) / scale)
-
-    def partners(self, fitted: Fit) -> dict[int, tuple[str, ...]]:
-        """Number (from 0) of a parameter or ratio -> names of what the data show only together with it.
-
-        What the data say of either is what a prior says, so neither is identified.
-        """
-        names, error = _names(fitted, fitted.gains), np.sqrt(np.diag(fitted.inverse))
-        out: dict[int, tuple[str, ...]] = {}
-        for way, taken in zip(self.ways, self.taken, strict=True):
-            # As far as what is plausible of the effect lets it.
-            reach = 1.0 / np.max(np.abs(way / self.size) / fitted.limit[self.effects])
-            effects = self.effects[np.abs(way) > PART_OF].tolist()
-            rest = self.rest[np.abs(taken) * reach > MOVED * error[self.rest]].tolist()
-            for group, with_it in ((effects, rest or effects), (rest, effects)):
-                for n in group:
-                    out[n] = tuple(dict.fromkeys((*out.get(n, ()), *(names[k] for k in with_it if k != n))))
-        return out
-
-
-def ratio_name(inner: int, outer: int) -> str:
-    """Name of the ratio of the gains of two joints (from 1)."""
-    return f"gain_ratio.{inner}.{outer}"
+    jacobian, columns, out = fitted.solution.jacobian, fitted.model.columns, dict[int, tuple[str, ...]]()
+    names, error = _names(fitted, fitted.gains), np.sqrt(np.diag(fitted.inverse))
+    is_effect = np.zeros(jacobian.shape[1], dtype=bool)
+    is_effect[: len(columns)] = [column.place is not None for column in columns]
+    norms = np.linalg.norm(jacobian, axis=0)
+    effects = np.array([n for n in np.flatnonzero(is_effect & (norms > 0)) if columns[n].shape is None], dtype=int)
+    if not len(effects):
+        return effects, np.zeros((0, 0)), out
+    rest, size = np.flatnonzero(~is_effect), norms[effects]
+    scale = np.where(norms[rest] > 0, norms[rest], 1.0)
+    unit, base = jacobian[:, effects] / size, jacobian[:, rest] / scale
+    share, *_ = np.linalg.lstsq(base, unit, rcond=1e-12)
+    _, sizes, right = np.linalg.svd(unit - base @ share, full_matrices=False)
+    ways = right[sizes < SAME * max(1.0, sizes[0])]
+    for way in ways:
+        # As far as what is plausible of the effect lets it.
+        reach = 1.0 / np.max(np.abs(way / size) / fitted.limit[effects])
+        members = effects[np.abs(way) > PART_OF].tolist()
+        taking = rest[np.abs((way @ share.T) / scale) * reach > MOVED * error[rest]].tolist()
+        for group, with_it in ((members, taking or members), (taking, members)):
+            for n in group:
+                out[n] = tuple(dict.fromkeys((*out.get(n, ()), *(names[k] for k in with_it if k != n))))
+    return effects, ways / size, out
 
 
 def ratio_gradient(gains: Gains, row: int, other: int) -> tuple[float, Floats]:
     """eta_row / eta_other and its derivative by every edge."""
-    value, out = gains.ratio(row, other), np.zeros(len(gains.edges))
-    down, up = gains.path(other), gains.path(row)
-    for number, edge in enumerate(gains.edges if np.isfinite(value) else ()):
-        if edge in down and edge not in up:
-            ratios = np.where(np.arange(len(out)) == number, 1.0, gains.ratios)
-            out[number] = gains.with_ratios(ratios).ratio(row, other)
-        elif edge in up and edge not in down:
-            out[number] = -value / gains.edge[edge]
-    return value, out
+    value, down, up = gains.ratio(row, other), gains.path(other), gains.path(row)
+    powers = np.array([(edge in down) - (edge in up) for edge in gains.edges], dtype=float)
+    rate = np.divide(powers, gains.ratios, out=np.zeros(len(powers)), where=gains.ratios != 0.0)
+    return value, np.nan_to_num(value * rate)
 
 
 def _names(fitted: Fit, gains: Gains) -> list[str]:
     """(P,) of parameters and ratios."""
     return [
         *fitted.model.names,
-        *(ratio_name(up + 1, low + 1) for up, low in zip(gains.uppers, gains.edges, strict=True)),
+        *(f"gain_ratio.{up + 1}.{low + 1}" for up, low in zip(gains.uppers, gains.edges, strict=True)),
     ]
-
-
-def _rms(row: Row, values: Floats) -> float:
-    """Over the samples of a joint's bins."""
-    return float(np.sqrt(np.average(values**2, weights=row.bins.count)))
 
 
 def _freedoms(fitted: Fit, errors: Clustered, *, recursive: bool) -> Floats:
@@ -314,18 +423,18 @@ def _identified(
 
 
 def _open(bare: Value, why: Reason) -> Value:
-    return replace(bare, state=NOT_IDENTIFIABLE, reason=why.text, next_run=why.next_run)
+    return replace(bare, state=NOT_IDENTIFIABLE, **why)
 
 
 def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Combination, ...]:
     """Sums of parameters that the data determine although a term of theirs, of `values`, is not or far less well."""
     errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
-    sums: list[Combination] = []
+    model, sums = fitted.fitted.model, list[Combination]()
     for row in sorted(fitted.fitted.rows, key=lambda row: row.joint):
         rms = math.sqrt(row.bins.mean_square)
         sums_at_joint = list(_felt(fitted, row))
         for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
-            covered, names = fitted.coverage[row.joint], fitted.fitted.model.names
+            covered, names = fitted.coverage[row.joint], model.names
             if covered.has_one_speed(sign):
                 weights = np.zeros(len(fitted.covariance))
                 weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
@@ -334,32 +443,29 @@ def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Com
                 sums_at_joint.append((weights, text, "A", 1.0))
         for weights, text, unit, size in sums_at_joint:
             # Parameters of plausible size would make this sum a part of the joint's current.
-            reach = size * float(np.linalg.norm(weights[: len(fitted.solution.values)] * fitted.fitted.limit))
+            reach = size * float(np.linalg.norm(weights[: len(model.columns)] * fitted.fitted.limit))
             total = _sum(fitted, row, weights, text, unit=unit, size=size)
             far = (abs(weight) * errors[name] > WORTH * total.std_error for name, weight in total.terms.items())
             sums += [total] if reach > LEANING * rms and any(far) else []
-    sums += _parts_of_effects(fitted)
-    return tuple(total for total in sums if math.isfinite(total.value))
-
-
-def _parts_of_effects(fitted: FittedParameters) -> Iterator[Combination]:
-    """Of each effect that is confounded with the rest of the model in part: the parts that are not."""
-    if not fitted.confounded:
-        return
-    shared, model = Confounding.of(fitted.fitted), fitted.fitted.model
+    # Of each effect that the rest of the model takes over in part: the parts that it does not.
+    effects, ways, _ = (
+        confounded(fitted.fitted) if fitted.confounded else (np.zeros(0, dtype=int), np.zeros((0, 0)), {})
+    )
     for place, term in enumerate(model.effects):
-        members = np.array([model.columns[n].place == place for n in shared.effects], dtype=bool)
-        if not np.any(shared.ways[:, members]) or not members.any():
+        members = np.array([model.columns[n].place == place for n in effects], dtype=bool)
+        if not np.any(ways[:, members]):
             continue
-        _, sizes, right = np.linalg.svd(shared.ways[:, members])
+        numbers, size = effects[members], np.linalg.norm(fitted.fitted.solution.jacobian[:, effects[members]], axis=0)
+        _, sizes, right = np.linalg.svd(ways[:, members] * size)
+        row = next(row for row in fitted.fitted.rows if term.touches(row.joint))
+        where = f" of joint {term.number}" if term.number else ""
+        text = f"{term.effect.name}{where}: what does not pass for the rest of the model"
         for weights in right[np.count_nonzero(sizes > SAME) :]:
             whole = np.zeros(len(fitted.covariance))
-            whole[shared.effects[members]] = weights * shared.size[members]
+            whole[numbers] = weights * size
             whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])
-            where = f" of joint {term.number}" if term.number else ""
-            row = next(row for row in fitted.fitted.rows if term.touches(row.joint))
-            text = f"{term.effect.name}{where}: what does not pass for the rest of the model"
-            yield _sum(fitted, row, whole, text, unit=model.columns[int(shared.effects[members][0])].unit)
+            sums.append(_sum(fitted, row, whole, text, unit=model.columns[numbers[0]].unit))
+    return tuple(total for total in sums if math.isfinite(total.value))
 
 
 def _sum(

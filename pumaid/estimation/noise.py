@@ -156,13 +156,9 @@ def inside_runs(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     floor = max(EXACT * float(np.sqrt(bins.mean_square)), 1e-70)
     correlation = np.zeros(len(pieces))
     spread = np.full(len(pieces), float(np.sqrt(bins.inside.sum() / bins.count.sum())))
-    for accelerates in (False, True):
-        members = np.flatnonzero(bins.accelerates == accelerates)
-        places = np.flatnonzero(enough[members])
-        if len(places):
-            runs = members[places]
-            parts = [pieces[k] for k in runs], places, lost[runs].astype(float)
-            correlation[members], spread[members] = _moments_by_step(bins.step[members], *parts)
+    runs = np.flatnonzero(enough)
+    if len(runs):
+        correlation, spread = _moments_by_step(bins.step, [pieces[k] for k in runs], runs, lost[runs].astype(float))
     spread = np.maximum(spread, floor)
     count = bins.sums(bins.count) / bins.lengths
     sample = float(np.average(spread**2 * count, weights=bins.lengths))

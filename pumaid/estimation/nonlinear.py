@@ -11,7 +11,7 @@ from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Scope
 from pumaid.effects.base import Family, Shape
 from pumaid.errors import ModelError, Where
-from pumaid.estimation.fit import Fit, Projector, Refit, rmse_by_joint
+from pumaid.estimation.fit import Fit, Projector, Refit
 from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.maths import Floats
@@ -217,19 +217,23 @@ def _range(shape: Shape, fits: Sequence[tuple[Point, Refit]], starts: Sequence[f
     return low, high
 
 
-@dataclass(frozen=True, eq=False)
 class EffectFit:
-    """A fit with its effects, in a model in which these have their shapes.
+    """A fit that grows: `terms` of a model's effects by place, `fit` of those so far, at `bins`.
 
     `ranges` maps (place of the effect, shape) to the lowest and highest value that the data leave open, of shapes
-    without derivative; `is_settled` says whether the last round moved nothing any more; `search` is what the fit came
-    from, for looking at its likelihood, None where there are no effects.
+    without derivative; `is_settled` says whether the last round moved nothing any more.
     """
 
     fit: Fit
-    ranges: Mapping[tuple[int, str], Ends] = field(default_factory=dict)
-    is_settled: bool = True
-    search: "ShapeSearch | None" = None
+
+    def __init__(self, model: Model, bins: Sequence[JointBins], wanted: Sequence[EffectTerm]) -> None:
+        self.model, self.bins, self.is_settled = model, bins, True
+        self.terms = {n: t for n, t in enumerate(wanted) if not self.free(t) and not t.effect.needs_loads}
+        self.ranges: dict[tuple[int, str], Ends] = {}
+
+    def free(self, term: EffectTerm) -> list[str]:
+        """Shapes that are not given."""
+        return [name for name in term.shapes(self.model.robot) if name not in term.shape]
 
     @property
     def shapes(self) -> tuple[Point, ...]:
@@ -242,6 +246,94 @@ class EffectFit:
                 moved = out[column.place][column.shape] + float(value)
                 out[column.place][column.shape] = float(np.clip(moved, facts.low, facts.high))
         return tuple(out)
+
+    def now(self) -> Model:
+        """The model with the effects so far, in order."""
+        return self.model.with_effects([self.terms[place] for place in sorted(self.terms)])
+
+    def look(self, place: int, term: EffectTerm, free: Sequence[str]) -> None:
+        """One more effect, some of its shapes to be looked for.
+
+        What it explains passes for noise at first, most of all where it is the same throughout a run; so the search is
+        made again with the noise that is left with it.
+        """
+        shapes = term.shapes(self.model.robot)
+        self.terms[place] = term
+        for _ in range(2 if term.effect.family in SLOW else 1):
+            self.terms[place], ranges = search_shape(self.without(place, at_nodes=False), term, free)
+            self.ranges |= {(place, name): ends for name, ends in ranges.items()}
+            self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
+        fitted = tuple(name for name in free if shapes[name].is_searched)
+        self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
+
+    def without(self, place: int, *, at_nodes: bool = True) -> Projector:
+        """What can be added to the fit of all effects but the one at `place`."""
+        rest = [self.terms[other] for other in sorted(self.terms) if other != place]
+        fitted = refit(self.fit, self.model.with_effects(rest))
+        whole = self.fit if self.terms[place].effect.needs_loads else None
+        return Projector(fitted, whole=whole, at_nodes=at_nodes)
+
+    def _sizes(self, place: int) -> tuple[float, ...]:
+        """Linear parameters of an effect by the fit so far."""
+        return tuple(self.fit.sizes(sorted(self.terms).index(place)).tolist())
+
+    def settle(self) -> bool:
+        """Renew loads and shapes until nothing moves; whether that happened.
+
+        A round fits with the shapes as they are, which tells the cost and the sizes at which derivatives are taken,
+        then with these; a step of the shapes that raised the cost is halved.
+        """
+        has_shapes, moves = any(term.fitted for term in self.terms.values()), dict[str, float]()
+        if not has_shapes and not self.now().needs_loads():
+            return True
+        last, cost = self.terms, np.inf
+        for _ in range(MOST_ROUNDS):
+            terms, now = self.terms, 0.0
+            if has_shapes:
+                self.terms = {place: replace(term, fitted=()) for place, term in terms.items()}
+                self.fit = refit(self.fit, self.now())
+                terms = {place: replace(term, sizes=self._sizes(place)) for place, term in terms.items()}
+                now = self.fit.square
+            if now > cost * (1.0 + RISE) and any(last[n].shape != term.shape for n, term in terms.items()):
+                for n, term in terms.items():
+                    half = {name: 0.5 * (last[n].shape[name] + value) for name, value in term.shape.items()}
+                    terms[n] = term.at(half, term.sizes)
+                self.terms = terms
+                continue
+            self.terms = terms
+            self.fit = refit(self.fit, self.now())
+            columns, values = self.fit.model.columns, self.fit.values
+            errors = np.sqrt(np.diag(self.fit.inverse))[: len(columns)]
+            starts = np.array([0.0 if column.shape else moves.get(column.name, np.inf) for column in columns])
+            moved = np.abs(values - starts)[errors > 0.0] / errors[errors > 0.0]
+            last, cost, moves = terms, now, dict(zip(self.fit.model.names, values.tolist(), strict=True))
+            if moved.max(initial=0.0) < SETTLED:
+                return True
+            self.terms = {place: self._stepped(place, term) for place, term in terms.items()}
+        return False
+
+    def finish(self, *, recursive: bool, progress: Progress | None) -> None:
+        """The whole fit, noise included; loads follow it, so that what only looks like another load is known to."""
+        now = self.now()
+        start = fit_bins(now, self.bins, before=self.fit, recursive=True, progress=progress)
+        for _ in range(0 if recursive else POLISH):
+            self.fit = refit(releveled(refit(self.fit, now, is_renewed=True)), now)
+        self.fit = start if recursive else replace(with_chain_rule(self.fit), first=start.first)
+
+    def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
+        """An effect with its shapes moved by the fit's step, within bounds."""
+        shape, held = dict(term.shape), list(term.held)
+        for n in self.fit.columns_of(sorted(self.terms).index(place)):
+            name = self.fit.model.columns[n].shape
+            if name is None or name in held:
+                continue
+            facts, now = term.shapes(self.model.robot)[name], shape[name]
+            longest = LONGEST * scale_of(facts, now)
+            moved = now + float(np.clip(self.fit.values[n], -longest, longest))
+            shape[name] = float(np.clip(moved, facts.low, facts.high))
+            if now == shape[name] and now in (facts.low, facts.high):
+                held.append(name)
+        return replace(term.at(shape, term.sizes), held=tuple(held))
 
 
 def fit_effects(
@@ -268,149 +360,39 @@ def fit_effects(
     for limit, is_fine in ((COARSE, False), (FINE, True)):  # the finest at joints that have a periodic effect
         part = [run for run in runs if (run.joint in fine) == is_fine]
         binned += joint_bins(model.robot, part, most=limit, campaign=campaign, is_settled=False) if part else ()
-    bins = sorted(binned, key=lambda part: part.joint)
+    work = EffectFit(model, sorted(binned, key=lambda part: part.joint), wanted)
     if not choices:
-        return EffectFit(fit_bins(model, bins, recursive=recursive, progress=progress))
+        work.fit = fit_bins(model, work.bins, recursive=recursive, progress=progress)
+        return work
     tell = progress or (lambda joint, text: None)
-    work = ShapeSearch(model, bins, wanted)
-    before, moving = rmse_by_joint(work.fit), {part.joint for part in bins}
+    work.fit = fit_bins(work.now(), work.bins)
+    before = {joint: row.rmse for joint, row in work.fit.by_bin.items()}
     for place, term in enumerate(wanted):
-        free = _free(term, model)
-        if free and not any(term.touches(joint) for joint in moving):
+        free = work.free(term)
+        if free and not any(term.touches(joint) for joint in before):
             work.terms[place] = term.at({name: term.shapes(model.robot)[name].example for name in free})
         elif free:
             tell(term.number, f"looking for {' and '.join(free)} of {term.effect.name}")
             work.look(place, term, free)
         elif term.effect.needs_loads:
             work.terms[place] = term
-            work.refit()
+            work.fit = refit(work.fit, work.now())
     tell(0, "refining all effects together")
-    is_settled = work.settle()
+    work.is_settled = work.settle()
     work.finish(recursive=recursive, progress=progress)
     check_better(before, work.fit, [term.effect.name for term in wanted])
-    return EffectFit(eased(work.fit), work.ranges, is_settled, work)
+    work.fit = eased(work.fit)
+    return work
 
 
 def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:
     """Refuse (effects-astray) a fit with effects of these `names` that misses a joint by `WORSE` times as much as
     `before`, RMSE (A) by joint."""
     current = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in fitted.rows}
-    for joint, size in rmse_by_joint(fitted).items():
-        was = before.get(joint, np.inf)
+    for joint, row in fitted.by_bin.items():
+        was, size = before.get(joint, np.inf), row.rmse
         if size > WORSE * was and size > VISIBLE * current[joint]:
             what = f"the fit with {', '.join(names)} misses joint {joint} by {number(size)} A"
             what = f"{what}, without by {number(was)} A: it went astray"
             mend = "give its shape, as in --add payload:time=400, or add fewer effects; nothing was written"
             raise ModelError("effects-astray", what, Where(joint=joint), mend)
-
-
-def _free(term: EffectTerm, model: Model) -> list[str]:
-    """Shapes that are not given."""
-    return [name for name in term.shapes(model.robot) if name not in term.shape]
-
-
-class ShapeSearch:
-    """A fit that grows: `terms` by place, and the `fit` of those so far."""
-
-    def __init__(self, model: Model, bins: Sequence[JointBins], wanted: Sequence[EffectTerm]) -> None:
-        self.model, self.bins = model, bins
-        self.terms = {n: t for n, t in enumerate(wanted) if not _free(t, model) and not t.effect.needs_loads}
-        self.ranges: dict[tuple[int, str], Ends] = {}
-        self.fit = fit_bins(self.now(), bins)
-
-    def now(self) -> Model:
-        """The model with the effects so far, in order."""
-        return self.model.with_effects([self.terms[place] for place in sorted(self.terms)])
-
-    def refit(self) -> None:
-        """The quick fit of the effects so far."""
-        self.fit = refit(self.fit, self.now())
-
-    def look(self, place: int, term: EffectTerm, free: Sequence[str]) -> None:
-        """One more effect, some of its shapes to be looked for.
-
-        What it explains passes for noise at first, most of all where it is the same throughout a run; so the search is
-        made again with the noise that is left with it.
-        """
-        shapes = term.shapes(self.model.robot)
-        for _ in range(2 if term.effect.family in SLOW else 1):
-            self.terms[place], ranges = search_shape(self.without(place, at_nodes=False), term, free)
-            self.ranges |= {(place, name): ends for name, ends in ranges.items()}
-            self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
-        fitted = tuple(name for name in free if shapes[name].is_searched)
-        self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
-
-    def without(self, place: int, *, at_nodes: bool = True) -> Projector:
-        """What can be added to the fit of all effects but the one at `place`."""
-        rest = [self.terms[other] for other in sorted(self.terms) if other != place]
-        fitted = refit(self.fit, self.model.with_effects(rest))
-        return Projector(fitted, whole=self.fit, at_nodes=at_nodes)
-
-    def _rank(self, place: int) -> int:
-        """Place in the model of the effects so far."""
-        return sorted(self.terms).index(place)
-
-    def _sizes(self, place: int) -> tuple[float, ...]:
-        """Linear parameters of an effect by the fit so far."""
-        return tuple(self.fit.sizes(self._rank(place)).tolist())
-
-    def settle(self) -> bool:
-        """Renew loads and shapes until nothing moves; whether that happened.
-
-        A round fits with the shapes as they are, which tells the cost and the sizes at which derivatives are taken,
-        then with these; a step of the shapes that raised the cost is halved.
-        """
-        has_shapes, moves = any(term.fitted for term in self.terms.values()), dict[str, float]()
-        if not has_shapes and not any(term.effect.needs_loads for term in self.terms.values()):
-            return True
-        last, cost = self.terms, np.inf
-        for _ in range(MOST_ROUNDS):
-            terms, now = self.terms, 0.0
-            if has_shapes:
-                self.terms = {place: replace(term, fitted=()) for place, term in terms.items()}
-                self.refit()
-                terms = {place: replace(term, sizes=self._sizes(place)) for place, term in terms.items()}
-                now = self.fit.square
-            if now > cost * (1.0 + RISE) and any(last[n].shape != term.shape for n, term in terms.items()):
-                for n, term in terms.items():
-                    half = {name: 0.5 * (last[n].shape[name] + value) for name, value in term.shape.items()}
-                    terms[n] = term.at(half, term.sizes)
-                self.terms = terms
-                continue
-            self.terms = terms
-            self.refit()
-            columns, values = self.fit.model.columns, self.fit.values
-            errors = np.sqrt(np.diag(self.fit.inverse))[: len(columns)]
-            starts = np.array([0.0 if column.shape else moves.get(column.name, np.inf) for column in columns])
-            moved = np.abs(values - starts)[errors > 0.0] / errors[errors > 0.0]
-            last, cost, moves = terms, now, dict(zip(self.fit.model.names, values.tolist(), strict=True))
-            if moved.max(initial=0.0) < SETTLED:
-                return True
-            self.terms = {place: self._stepped(place, term) for place, term in terms.items()}
-        return False
-
-    def finish(self, *, recursive: bool, progress: Progress | None) -> None:
-        """The whole fit, noise included; loads follow it, so that what only looks like another load is known to."""
-        now = self.now()
-        start = fit_bins(now, self.bins, before=self.fit, recursive=True, progress=progress)
-        if recursive:
-            self.fit = start
-            return
-        for _ in range(POLISH):
-            self.fit = refit(releveled(refit(self.fit, now, is_renewed=True)), now)
-        self.fit = replace(with_chain_rule(self.fit), first=start.first)
-
-    def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
-        """An effect with its shapes moved by the fit's step, within bounds."""
-        shape, held = dict(term.shape), list(term.held)
-        for n in self.fit.columns_of(self._rank(place)):
-            name = self.fit.model.columns[n].shape
-            if name is None or name in held:
-                continue
-            facts, now = term.shapes(self.model.robot)[name], shape[name]
-            longest = LONGEST * scale_of(facts, now)
-            moved = now + float(np.clip(self.fit.values[n], -longest, longest))
-            shape[name] = float(np.clip(moved, facts.low, facts.high))
-            if now == shape[name] and now in (facts.low, facts.high):
-                held.append(name)
-        return replace(term.at(shape, term.sizes), held=tuple(held))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -114,19 +115,15 @@ MORE = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """Why a parameter is not determined, and the run that would show it (None where no run would)."""
-
-    text: str
-    next_run: str | None = None
+#: The fields `reason` and `next_run` of a `Value` that is not determined.
+Reason = dict[str, Any]
 
 
 def reason(kind: str, **values: object) -> Reason:
     """An entry of `REASONS` with its values; `more`, where given, is the next run."""
     text, next_run = REASONS[kind]
     next_run = str(values["more"]) if "more" in values else next_run
-    return Reason(text.format(**values), next_run and next_run.format(**values))
+    return {"reason": text.format(**values), "next_run": next_run and next_run.format(**values)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,16 +224,14 @@ def of_ratio(
     """
     redundant = model.structure.redundant.get((inner, outer))
     if redundant is not None:
-        return Reason(redundant)
+        return {"reason": redundant, "next_run": None}
     for joint in (inner, outer):
         if coverage[joint].runs == 0:
             return reason("no runs of one joint", joint=joint)
-    felt, noise = load
-    kind = "ratio"
+    (felt, noise), kind = load, "ratio"
     if coverage[inner].postures < 2:
-        kind = "ratio, one posture"
+        kind = "ratio" if model.is_dynamic else "ratio, one posture"
     elif UNFELT < felt < SURELY_FELT * noise:
         kind = "ratio, light link"
-    if model.is_dynamic:
-        kind = "ratio, light link in motion" if kind == "ratio, light link" else "ratio in motion"
+    kind = f"{kind} in motion" if model.is_dynamic else kind
     return reason(kind, inner=inner, outer=outer, felt=number(felt, 2), noise=number(noise, 2))

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from pumaid.effects import Trace
 from pumaid.effects.base import Family, load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
-from pumaid.estimation.covariance import two_sided
 from pumaid.estimation.fit import Fit, FitRow
+from pumaid.estimation.identifiability import two_sided
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit
 from pumaid.joint_bins import JointBins, joint_bins
@@ -59,23 +59,62 @@ PARALLEL = 1e-6
 SURELY, NEGATIVE = 5.0, 3.0
 
 
+#: Slug (and variant) -> what a note says and what to do.
+TEXTS = {
+    "logs-disagree": "the model's error at joint {joint} is {misses} A RMS, and {file} is inconsistent with the other"
+    " logs: {evidence}. Check that it is the same robot with the same payload, zeros, units and columns",
+    "model-misses": "the model's error at joint {joint} is {misses} A RMS, its {level} A. Its intervals may not hold"
+    " the truth; if no column is wrong, 'pumaid diagnose' tells what is missing",
+    "run-stands-out": "{count} of {runs} runs of joint {joint} unlike the others: the model's error there is {error} A"
+    " RMS, where the median run has {usual} A; the first begins at {start} s. Did the arm touch something? Estimates"
+    " are biased by it, and no interval includes that",
+    "current-spikes": "the current of joint {joint} has spikes: noise is {noise} A RMS, but {usual} A in a typical half"
+    " of the data. Spikes that occur in one direction only bias friction and gravity: look at the samples",
+    "repeats-differ": "joint {joint} draws {change} ± {error} {unit} {sign} {goes} in the last of {runs} repeated runs"
+    " than in the first of them: {cause}. Estimates are averages of before and after",
+    "few-runs": "joint {joint} has {runs} only: its intervals rest on the noise inside runs and do not include how"
+    " repeated runs differ",
+    "load-through-gears": "by the recipe's gears (coupling) {passed}; this model leaves that out, so gravity and gain"
+    " ratios are biased{beside}",
+    "friction-falls-with-speed": "friction of joint {joint} falls with speed going {way} ({slope}), which viscous"
+    " friction does not: Stribeck friction dominates, or something else changed with speed",
+    "sign-odd": "{name} is {sign} ({size}) although friction shows that the two currents have {same}. Check"
+    " signs in the DH table, of the position columns and of gravity",
+    "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
+    " current or position is late or smoothed",
+    "effects-not-settled": "the fit with {names} did not converge; two of its effects may be confounded",
+    "several-clocks": "the logs have {clocks} clocks: {name} starts its time anew in each",
+}
+
+
+def _note(kind: str, where: Where | None = None, **values: object) -> Note:
+    """An entry of `TEXTS` with its values, those that are numbers in three digits."""
+    where = where or Where()
+    shown = {name: number(value) if isinstance(value, float) else value for name, value in values.items()}
+    return Note(kind.split(",")[0], TEXTS[kind].format(joint=where.joint, **shown), where)
+
+
 def notes_on(
     result: EffectFit, estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
-) -> list[Note]:
+) -> Iterator[Note]:
     """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
-    fitted, values = result.fit, estimate.values
+    fitted, effects = result.fit, result.fit.model.effects
+    yield from of_misfit(fitted, estimate.joints)
+    yield from of_runs(fitted)
+    yield from of_drift(estimate.joints, repeated)
+    for joint in sorted(fitted.weak):
+        runs = len(fitted.row(joint).bins.runs)
+        yield _note("few-runs", Where(joint=joint), runs=f"{runs} run{'s' if runs > 1 else ''}")
+    yield from of_gears(fitted, robot)
     # Beside another effect of speed, a viscous term is a part of friction only.
-    of_speed = {term.joint for term in fitted.model.effects if term.effect.family is Family.SPEED}
-    return [
-        *of_misfit(fitted, estimate.joints),
-        *of_runs(fitted),
-        *of_drift(estimate.joints, repeated),
-        *of_few_runs(fitted),
-        *of_gears(fitted, robot),
-        *of_falling_friction([value for value in values if value.joint not in of_speed]),
-        *of_signs(values),
-        *of_effects(result),
-    ]
+    of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
+    yield from of_signs(estimate.values, of_speed)
+    if not result.is_settled:
+        yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
+    timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
+    clocks = len({run.clock for row in fitted.rows for run in row.bins.runs})
+    if timed and clocks > 1:
+        yield _note("several-clocks", clocks=clocks, name=timed[0])
 
 
 def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
@@ -83,27 +122,19 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
 
     Noise is what is left of each run by its own harmonic, or the noise floor if that is less.
     """
-    by_joint = {fit.joint: fit for fit in joints}
     for system in fitted.rows:
-        row, joint = fitted.row(system.joint), by_joint[system.joint]
+        row, joint = fitted.row(system.joint), next(fit for fit in joints if fit.joint == system.joint)
         misses, size = joint.rmse or 0.0, math.sqrt(row.bins.mean_square)
         squares, samples = _inside(row.bins)
-        noise = float(np.sqrt(np.average(squares, weights=samples)))
+        noise, floor = float(np.sqrt(np.average(squares, weights=samples))), joint.noise_floor or 0.0
         noise = noise if joint.noise_floor is None else min(noise, joint.noise_floor)
         if misses <= max(FAR * noise, SEEN * size):
             continue
-        text = f"the model's error at joint {joint.joint} is {number(misses)} A RMS"
         name, evidence = _outlier_file(row, system.design)
-        if name is not None:
-            advice = "Check that it is the same robot with the same payload, zeros, units and columns"
-            why = f"{text}, and {name} is inconsistent with the other logs: {evidence}. {advice}"
-            yield Note("logs-disagree", why, Where(file=name, joint=joint.joint))
-            continue
-        advice = "Its intervals may not hold the truth; if no column is wrong, 'pumaid diagnose' tells what is missing"
-        floor = joint.noise_floor or 0.0
-        level = f"noise floor {number(floor)} A" if 0.0 < floor < misses else f"noise inside runs {number(noise)} A"
-        why = f"{text}, its {level}. {advice}"
-        yield Note("model-misses", why, Where(joint=joint.joint))
+        kind = "logs-disagree" if name else "model-misses"
+        level = f"noise floor {number(floor)}" if 0.0 < floor < misses else f"noise inside runs {number(noise)}"
+        facts = {"misses": misses, "level": level, "file": name, "evidence": evidence}
+        yield _note(kind, Where(file=name, joint=joint.joint), **facts)
 
 
 def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
@@ -133,7 +164,7 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     return max(suspects, default=(0.0, None, ""))[1:]
 
 
-def of_runs(fitted: Fit) -> list[Note]:
+def of_runs(fitted: Fit) -> Iterator[Note]:
     """Notes on single runs that the model misses far more than the others of their joint, and on noise of outliers.
 
     Both pass for noise everywhere else: they make intervals wide, and no other note tells what they move. Where the
@@ -143,9 +174,11 @@ def of_runs(fitted: Fit) -> list[Note]:
     ------
     F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383-393: the median and the deviation from it, here of logarithms.
     """
-    notes = []
     for row in fitted.joints:
-        bins, (rms, level) = row.bins, row.by_run()
+        bins, samples = row.bins, row.bins.sums(row.bins.count)
+        level = bins.sums(bins.count * row.misfit) / samples
+        about = (row.misfit - level[bins.run]) ** 2 + bins.inside_left(row.drawn)
+        rms = np.sqrt(bins.sums(bins.count * about) / samples)
         # What accelerates leaves more, by all that a change of speed does.
         steady = np.flatnonzero(~bins.accelerates)
         if len(steady) < FEWEST:
@@ -156,24 +189,15 @@ def of_runs(fitted: Fit) -> list[Note]:
         odd = steady[_outlying(rms[steady], least=max(ODD * usual, SEEN * size))] if is_met else steady[:0]
         if 0 < len(odd) <= MOST_ODD * len(steady):
             first, error = bins.runs[odd[0]], float(np.sqrt(np.mean(rms[odd] ** 2)))
-            text = (
-                f"{len(odd)} of {len(steady)} runs of joint {bins.joint} unlike the others: the model's error there is"
-                f" {number(error)} A RMS, where the median run has {number(usual)} A; the first begins at"
-                f" {number(first.start)} s. Did the arm touch something? Estimates are biased by it, and no interval"
-                " includes that"
-            )
             where = Where(file=first.origin, row=first.first_row, joint=bins.joint)
-            notes.append(Note("run-stands-out", text, where))
+            facts = {"count": len(odd), "runs": len(steady), "start": float(first.start)}
+            yield _note("run-stands-out", where, error=error, usual=usual, **facts)
             continue
         sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
         if not len(odd):
             sizes = _spikes(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
         if sizes and sizes[1] > SEEN * size:
-            shown = f"noise is {number(sizes[1])} A RMS, but {number(sizes[0])} A in a typical half of the data"
-            advice = "Spikes that occur in one direction only bias friction and gravity: look at the samples"
-            text = f"the current of joint {bins.joint} has spikes: {shown}. {advice}"
-            notes.append(Note("current-spikes", text, Where(joint=bins.joint)))
-    return notes
+            yield _note("current-spikes", Where(joint=bins.joint), usual=sizes[0], noise=sizes[1])
 
 
 def _outlying(rms: Floats, *, least: float) -> Flags:
@@ -250,24 +274,9 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
             if two_sided(sizes[n] / errors[n], dof) >= CHANCE or moved[n] <= matters:
                 continue
             factor = 100.0 if unit == "%" else 1.0
-            shown = f"{number(factor * abs(float(sizes[n])))} ± {number(factor * float(errors[n]))} {unit}"
-            text = (
-                f"joint {fit.joint} draws {shown} {'more' if sizes[n] > 0 else 'less'} {goes} in the last of"
-                f" {len(last)} repeated runs than in the first of them: {cause}. Estimates are averages of before and"
-                " after"
-            )
-            yield Note("repeats-differ", text, Where(joint=fit.joint))
-
-
-def of_few_runs(fitted: Fit) -> Iterator[Note]:
-    """Joints with so few runs that nothing tells how they differ from run to run."""
-    for joint in sorted(fitted.weak):
-        runs = len(fitted.row(joint).bins.runs)
-        text = (
-            f"joint {joint} has {runs} run{'s' if runs > 1 else ''} only: its intervals rest on the noise inside runs"
-            " and do not include how repeated runs differ"
-        )
-        yield Note("few-runs", text, Where(joint=joint))
+            facts = {"change": factor * abs(float(sizes[n])), "error": factor * float(errors[n]), "runs": len(last)}
+            more = {"unit": unit, "sign": "more" if sizes[n] > 0 else "less", "goes": goes, "cause": cause}
+            yield _note("repeats-differ", Where(joint=fit.joint), **facts, **more)
 
 
 def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
@@ -287,37 +296,19 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
         )
         if joint == motor + 1 and math.hypot(*robot.joint(joint).frame[:2, 2]) < PARALLEL:
             parallel.append(
-                f"axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of which"
-                f" what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"
+                f"; axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of"
+                f" which what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"
             )
     if passed:
-        text = f"by the recipe's gears (coupling) {'; '.join(passed)}"
-        text = f"{text}; this model leaves that out, so gravity and gain ratios are biased"
-        yield Note("load-through-gears", "; ".join([text, *parallel]), Where())
+        yield _note("load-through-gears", passed="; ".join(passed), beside="".join(parallel))
 
 
-def of_falling_friction(values: Sequence[Value]) -> Iterator[Note]:
-    """Viscous terms that are surely of the sign opposite to their joint's Coulomb friction."""
-    coulomb = {value.name: value.value for value in values if value.name.startswith("coulomb")}
-    for value in values:
-        name, joint = value.name.split("."), value.joint
-        if name[0] != "viscous" or value.value is None or value.ci95 is None or value.std_error is None:
-            continue
-        # Friction opposes motion, so the Coulomb terms tell the sign in which the motor counts its current.
-        plus, minus = (coulomb.get(f"coulomb.j{joint}.{side}") or 0.0 for side in ("plus", "minus"))
-        if (plus - minus) * value.value < 0 and not value.ci95[0] <= 0.0 <= value.ci95[1]:
-            slope = f"{number(value.value)} ± {number(value.std_error, 2)} {value.unit}"
-            way = "forward" if name[2] == "plus" else "backward"
-            text = (
-                f"friction of joint {joint} falls with speed going {way} ({slope}), which viscous friction does not:"
-                " Stribeck friction dominates, or something else changed with speed"
-            )
-            yield Note("friction-falls-with-speed", text, Where(joint=joint))
-
-
-def of_signs(values: Sequence[Value]) -> Iterator[Note]:
-    """Gain ratios and inertias whose sign is surely not that by which the motors count their friction."""
+def of_signs(values: Sequence[Value], of_speed: Collection[int | None] = ()) -> Iterator[Note]:
+    """Gain ratios and inertias whose sign is surely not that by which the motors count their friction, and viscous
+    terms, but at joints `of_speed`, of the sign opposite to their Coulomb friction.
+    """
     certain = {value.name: value for value in values if value.value is not None and value.std_error and value.ci95}
+    sizes = {value.name: value.value or 0.0 for value in values}
     ways: dict[int | None, float] = {}
     for value in certain.values():
         back = certain.get(value.name.replace(".plus", ".minus"))
@@ -326,30 +317,16 @@ def of_signs(values: Sequence[Value]) -> Iterator[Note]:
             ways[value.joint] = math.copysign(float(surely), (value.value or 0.0) - (back.value or 0.0))
     for value in certain.values():
         size, error, joint = value.value or 0.0, value.std_error or 0.0, value.joint or 0
+        where, shown = Where(joint=joint), f"{number(size)} ± {number(error, 2)} {value.unit}"
         if value.name == f"gain_ratio.{joint}.{joint + 1}":
             pair = ways.get(joint, 0.0) * ways.get(joint + 1, 0.0)
             sign, same = ("negative", "the same sign") if pair > 0 else ("positive", "opposite signs")
             if size * pair < -SURELY * error * abs(pair):
-                text = f"{value.name} is {sign} ({number(size)}) although friction shows that the two currents have"
-                text = f"{text} {same}. Check signs in the DH table, of the position columns and of gravity"
-                yield Note("sign-odd", text, Where(joint=joint))
+                yield _note("sign-odd", where, name=value.name, sign=sign, size=size, same=same)
         if value.name.startswith("inertia.j") and size * ways.get(joint, 0.0) < -NEGATIVE * error:
-            text = (
-                f"inertia of joint {joint} comes out below zero ({number(size)} ± {number(error, 2)} {value.unit}, by"
-                " the sign of its friction): its current or position is late or smoothed"
-            )
-            yield Note("sign-odd", text, Where(joint=joint))
-
-
-def of_effects(result: EffectFit) -> Iterator[Note]:
-    """Effects that did not converge, and effects of time over several recordings."""
-    effects = result.fit.model.effects
-    if not result.is_settled:
-        names = ", ".join(dict.fromkeys(term.effect.name for term in effects))
-        text = f"the fit with {names} did not converge; two of its effects may be confounded"
-        yield Note("effects-not-settled", text, Where())
-    timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
-    clocks = len({run.clock for row in result.fit.rows for run in row.bins.runs})
-    if timed and clocks > 1:
-        text = f"the logs have {clocks} clocks: {timed[0]} starts its time anew in each"
-        yield Note("several-clocks", text, Where())
+            yield _note("sign-odd, inertia", where, size=shown)
+        friction = sizes.get(f"coulomb.j{joint}.plus", 0.0) - sizes.get(f"coulomb.j{joint}.minus", 0.0)
+        is_sure = value.ci95 is not None and not value.ci95[0] <= 0.0 <= value.ci95[1]
+        if value.name.startswith("viscous") and joint not in of_speed and friction * size < 0.0 and is_sure:
+            way = "forward" if value.name.endswith("plus") else "backward"
+            yield _note("friction-falls-with-speed", where, way=way, slope=shown)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from pumaid import __version__
-from pumaid.effect_spec import check_known, check_parameters
+from pumaid.effect_spec import check_parameters
 from pumaid.estimate import Estimate
 from pumaid.exports.base import Exported, Form, Subject, identifier
 from pumaid.exports.equivalent_bodies import bodies, constants_of
@@ -62,7 +62,6 @@ def export(
         No masses have the weight that the model says.
     """
     check_same_recipe(estimate, robot)
-    check_known(estimate.effects)
     check_parameters(estimate, robot)
     chosen, formulas = every_form()[form], Formulas.of(estimate, robot)
     version = estimate.version or __version__

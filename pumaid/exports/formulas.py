@@ -12,12 +12,10 @@ from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import catalogue
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
-from pumaid.gravity_load import felt_ratios, loads
 from pumaid.maths import Flags, Floats
-from pumaid.model import Model
+from pumaid.model import Model, felt_ratios, loads, minimal
 from pumaid.robot import Robot
 from pumaid.samples import Samples
-from pumaid.structure import minimal
 
 
 @dataclass(frozen=True, slots=True)

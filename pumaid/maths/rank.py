@@ -89,8 +89,6 @@ def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOL
 
 def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
     """Pseudo-inverse (P, P) of a symmetric matrix in scaled columns, and the rank."""
-    if len(information) == 1 and information[0, 0] > 0.0:
-        return 1.0 / information, 1
     size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])

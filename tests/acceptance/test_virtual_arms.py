@@ -10,12 +10,12 @@ from pumaid.design.information import gravity_names, predicted_errors
 from pumaid.design.plan import plan
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.model import minimal
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw
 from pumaid.simulation.session import simulate
-from pumaid.structure import minimal
 from pumaid.trajectory import Plan
 
 pytestmark = pytest.mark.slow

@@ -98,7 +98,7 @@ def test_the_file_is_asked_for_again(braked, line):
     """A model with an effect that only a file brings is refused: which effect, which option, and nothing written."""
     before = sorted(braked.rglob("*"))
     told = typed(braked, line, code=3)
-    assert told.stdout == "" and told.stderr.startswith("error[unknown-effect]: the model holds brake,")
+    assert told.stdout == "" and told.stderr.startswith("error[unknown-effect]: there is no effect brake")
     assert told.stderr.count("error[") == 1 and "--effects FILE.py" in told.stderr
     assert sorted(braked.rglob("*")) == before
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pumaid.effects import Effect, Scope, catalogue
-from pumaid.gravity_load import loads
-from pumaid.model import Model
+from pumaid.model import Model, loads
 from pumaid.samples import Extent, Samples
 from pumaid.simulation import table1
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from pumaid.estimation import covariance
-from pumaid.estimation.covariance import clustered, interval, recursion_covariance, two_sided
+from pumaid.estimation.identifiability import Clustered, clustered, interval, recursion_covariance, two_sided
 from pumaid.maths.bilinear import Bilinear, Recursion
 
 RNG = np.random.default_rng(9)
@@ -15,7 +14,7 @@ WHOLE = np.vstack(BLOCKS)
 INVERSE = np.linalg.inv(WHOLE.T @ WHOLE)
 
 
-def by_blocks(blocks: list[np.ndarray], residual: np.ndarray, inverse: np.ndarray, **more) -> covariance.Clustered:
+def by_blocks(blocks: list[np.ndarray], residual: np.ndarray, inverse: np.ndarray, **more) -> Clustered:
     """`clustered` where each block is a run."""
     runs = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
     return clustered(np.vstack(blocks), residual, inverse, runs=runs, **more)

@@ -9,8 +9,7 @@ import pytest
 from worlds import CRANE, PENDULUM, STANFORD
 
 from pumaid.effects import catalogue
-from pumaid.gravity_load import loads
-from pumaid.model import Model
+from pumaid.model import Model, loads
 from pumaid.robot import Robot
 from pumaid.samples import Samples
 from pumaid.simulation import table1

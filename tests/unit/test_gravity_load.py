@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.gravity_load import along, loads
-from pumaid.model import Model
+from pumaid.model import Model, loads, loads_along
 from pumaid.samples import Samples
 from pumaid.simulation import table1
 from tests.worlds import STANFORD
@@ -83,7 +82,7 @@ def test_loads_along_runs_are_the_loads(robot, joint):
     model, scales, solution, _ = arm(robot)
     scales[0, 4] = np.nan  # an unknown ratio
     samples, sizes = swung(robot, joint)
-    ours = along(model, samples, sizes, solution=solution, scales=scales)
+    ours = loads_along(model, samples, sizes, solution=solution, scales=scales)
     theirs = loads(model, samples, solution=solution, scales=scales)
     for name in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)

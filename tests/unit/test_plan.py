@@ -12,9 +12,9 @@ from pumaid.cli.planning import ATTENTION
 from pumaid.design.candidate_runs import top_speed
 from pumaid.design.plan import check_plan, plan
 from pumaid.errors import Faults, ModelError
+from pumaid.model import minimal
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
 from pumaid.simulation import table1
-from pumaid.structure import minimal
 from pumaid.trajectory import Motion, Plan, span
 
 ARMS = ("puma560", "stanford", "pendulum2")

@@ -52,13 +52,13 @@ def test_each_reason_names_its_run(case):
     name, runs, partners, text, next_run = CASES[case]
     column = MODEL.columns[MODEL.names.index(name)]
     found = reasons.of_column(MODEL, column, coverage=coverage(*runs), partners=partners)
-    assert text in found.text and next_run in found.next_run
+    assert text in found["reason"] and next_run in found["next_run"]
 
 
 def test_redundant_ratio_has_no_run():
     """A ratio that the geometry hides is said to be hidden, and no run is promised."""
     found = reasons.of_ratio(Model(STANFORD), 1, 2, coverage={j: JointCoverage.of(j, ()) for j in range(1, 7)})
-    assert "in any posture" in found.text and found.next_run is None
+    assert "in any posture" in found["reason"] and found["next_run"] is None
 
 
 @pytest.mark.parametrize(
@@ -78,4 +78,4 @@ def test_redundant_ratio_has_no_run():
 def test_why_a_ratio_is_open(runs, text, next_run):
     """Either joint without runs, one outer posture, or a load of little more than its own error, in amperes."""
     found = reasons.of_ratio(MODEL, 2, 3, coverage=coverage(*runs), load=(0.0004, 0.0011))
-    assert text in found.text and next_run in found.next_run
+    assert text in found["reason"] and next_run in found["next_run"]

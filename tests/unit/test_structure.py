@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from worlds import TURN, arm
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.model import Structure, minimal
 from pumaid.robot import Robot
-from pumaid.structure import Structure, minimal
 
 #: Cosines and sines below this are rounding of right angles.
 ALIGNED = 1e-9

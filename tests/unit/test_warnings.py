@@ -13,7 +13,6 @@ from pumaid.dataset import Dataset, Log
 from pumaid.errors import ModelError
 from pumaid.estimate import Value
 from pumaid.estimation.estimate import identify
-from pumaid.estimation.fit import rmse_by_joint
 from pumaid.estimation.nonlinear import check_better
 from pumaid.estimation.warnings import of_signs
 from pumaid.io.recipe import read_recipe, shipped_recipes
@@ -115,7 +114,7 @@ def test_a_fit_with_more_effects_that_is_worse_is_refused():
     """As good as without them, or a third worse, passes; twice as bad went astray, and the message says where."""
     runs = worlds.dataset(worlds.drawn(worlds.PENDULUM), worlds.experiment(worlds.PENDULUM)).runs
     fitted = worlds.fit_runs(worlds.PENDULUM, runs)
-    sizes = rmse_by_joint(fitted)
+    sizes = {joint: row.rmse for joint, row in fitted.by_bin.items()}
     check_better(sizes, fitted, ["payload"])
     check_better({joint: size / 1.3 for joint, size in sizes.items()}, fitted, ["payload"])
     with pytest.raises(ModelError, match="the fit with payload misses joint 2") as refused:
