@@ -362,9 +362,9 @@ class Projector:
 
     def __init__(self, solved: Fit, *, whole: Fit | None = None, at_nodes: bool = False) -> None:
         self.solved, self.at_nodes, self._samples = solved, at_nodes, dict[int, Samples]()
-        for joint, row in solved.by_bin.items():
-            points = row.bins.nodes[0] if at_nodes else row.bins.samples
-            self._samples[joint] = points if whole is None else with_loads(whole, row.bins, at_nodes=at_nodes)
+        for bins in (row.bins for row in solved.joints):
+            points = bins.nodes[0] if at_nodes else bins.samples
+            self._samples[bins.joint] = points if whole is None else with_loads(whole, bins, at_nodes=at_nodes)
         stops = np.cumsum([0, *(len(row.bins.runs) for row in solved.joints)]).tolist()
         self.runs = {row.bins.joint: slice(*stops[k : k + 2]) for k, row in enumerate(solved.joints)}
         self.total = stops[-1]
