@@ -112,7 +112,7 @@ cell_option = click.option(
     "--cell",
     type=click.FloatRange(0.0, min_open=True),
     metavar="S",
-    help="Length of a cell of any motion, s. [default: by the encoder]",
+    help="Seconds a cell of any motion lasts.",
 )
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=0), default=0, metavar="N", help="Processes that read logs; 0: one a core."

@@ -149,3 +149,67 @@ def test_refuses_where_it_cannot_act(name, joint, word):
 def test_acts_where_gravity_does(name):
     """Effects of the load act on a joint whose axis is level."""
     assert catalogue()[name].applies(PENDULUM, 1) is None
+
+
+def test_stribeck_falls_to_an_e_th():
+    """At rest all of it, at v_s a share 1/e, whatever the exponent; far above nothing."""
+    for d in (0.5, 1.0, 2.0):
+        found = [current("stribeck", seen(speed=v), velocity=0.2, exponent=d)[0] for v in (0.0, 0.2, 1000.0)]
+        assert found == pytest.approx([1.0, np.exp(-1.0), 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("p", [0.3, 1.7])
+def test_a_power_law_is_straight_in_logarithms(p):
+    """Ten times the speed is 10^p times the current, and the parameter is the current at unit speed."""
+    slow, fast, unit = (current("viscous_power", seen(speed=v), exponent=p)[0] for v in (0.05, 0.5, 1.0))
+    assert np.log10(fast / slow) == pytest.approx(p) and unit == pytest.approx(1.0)
+
+
+def test_time_constants():
+    """After one T friction is down to 1/e of what it was at the start, and a drift has 1/e of its way still to go."""
+    friction = [current("warmup", seen(time=t), time_constant=300.0)[0] for t in (0.0, 300.0)]
+    drift = [current("torque_constant_drift", seen(time=t, drawn=1.0), time_constant=300.0)[0] for t in (0.0, 300.0)]
+    assert friction == pytest.approx([1.0, np.exp(-1.0)]) and drift == pytest.approx([0.0, 1.0 - np.exp(-1.0)])
+
+
+def test_friction_comes_at_its_instant():
+    """Nothing before, all of it after."""
+    found = current("friction_step", seen(time=np.linspace(0.0, 100.0, COUNT)), 0.3, time=50.0)
+    assert np.array_equal(np.unique(found), [0.0, 0.3]) and (found > 0).sum() == COUNT // 2
+
+
+def test_position_friction_repeats_with_each_part_of_a_turn():
+    """Friction of harmonic k is the same after a turn's k-th part, and turns round with the motion."""
+    q = np.linspace(-2.0, 2.0, COUNT)
+    here, there = (current("position_friction", seen(position=q + w), harmonic=3.0) for w in (0.0, 2.0 * np.pi / 3.0))
+    back = current("position_friction", seen(position=q, way=-1.0), harmonic=3.0)
+    assert np.allclose(here, there) and np.allclose(here, -back)
+
+
+def test_saturation_clips():
+    """The prediction with the effect of size 1 is the prediction clipped, in both senses."""
+    drawn = np.linspace(-4.0, 4.0, COUNT)
+    assert np.allclose(drawn + current("saturation", seen(drawn=drawn), limit=2.5), np.clip(drawn, -2.5, 2.5))
+
+
+def test_droop_is_the_first_term_of_a_saturating_motor():
+    """A motor whose torque bends as i - a i^3 needs i + a i^3 for the torque of i, to the first order in a."""
+    wanted, a = np.linspace(-2.0, 2.0, COUNT), 1e-4
+    needed = wanted.copy()
+    for _ in range(20):
+        needed = wanted + a * needed**3
+    assert np.allclose(wanted + current("torque_droop", seen(drawn=wanted), a), needed, atol=100.0 * a**2)
+
+
+def test_ripples_grid_loses_little_between_its_frequencies():
+    """A ripple of any frequency in the range keeps 94 % of its power at the nearest frequency of the grid."""
+    rng, q = np.random.default_rng(0), np.linspace(*EXTENT.position, 400)
+    grid = np.array([start["frequency"] for start in catalogue()["ripple"].grid(PENDULUM, EXTENT)])
+    kept = []
+    for frequency in rng.uniform(grid.min(), grid.max(), 200):
+        signal = np.sin(frequency * q + rng.uniform(0.0, 7.0))
+        nearest = grid[np.abs(grid - frequency).argmin()]
+        basis = np.column_stack([np.cos(nearest * q), np.sin(nearest * q)])
+        left = signal - basis @ np.linalg.lstsq(basis, signal, rcond=None)[0]
+        kept.append(1.0 - (left @ left) / (signal @ signal))
+    assert min(kept) > 0.94

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @options.suspect_option
-@click.option("--apply", "is_applied", is_flag=True, help="Add what is found, refit, and go on until nothing is left.")
+@click.option("--apply", "is_applied", is_flag=True, help="Add what is found, refit, repeat.")
 @click.option("--plan", type=options.FILE, metavar="FILE", help="Write the runs that would decide.")
 @options.force_option
 @options.output_option("The diagnosis as JSON; - for standard output. Default: diagnosis.json in the results folder.")
