@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 17555,
     "modules": 169,
     "import depth": 12,
-    "lines of tests and tools": 25170,
+    "lines of tests and tools": 23450,
     "words of documents": 30000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
