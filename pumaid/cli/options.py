@@ -23,11 +23,19 @@ if TYPE_CHECKING:
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
-FILE = click.Path(path_type=Path)
-FILE_OR_PIPE = click.Path(path_type=Path, allow_dash=True)
+class PathType(click.Path):
+    """A path; an empty one, as an unset variable of a script gives, is refused."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(value, param, ctx) if str(value) else self.fail("The path is empty.", param, ctx)
+
+
+FILE, FILE_OR_PIPE = PathType(path_type=Path), PathType(path_type=Path, allow_dash=True)
+#: Files, folders, globs and URLs, as they were typed.
+LOGS = PathType(path_type=str, allow_dash=True)
 
 #: Files, folders, globs, ``-`` for standard input.
-logs_argument = click.argument("logs", nargs=-1, required=True, metavar="LOGS...")
+logs_argument = click.argument("logs", type=LOGS, nargs=-1, required=True, metavar="LOGS...")
 #: A model file, or ``-``.
 model_argument = click.argument("model", type=FILE_OR_PIPE, metavar="MODEL")
 recipe_option = click.option(
@@ -103,6 +111,7 @@ def separated(kind: click.ParamType, count: int | None = None) -> Callable[..., 
 
 heldout_option = click.option(
     "--heldout",
+    type=LOGS,
     multiple=True,
     metavar="FILE|posture",
     help="Logs kept for judging, or each joint's last posture; repeatable.",

@@ -109,11 +109,14 @@ def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> 
     """
     inputs = [path for path in (*read, *effect_files()) if path is not None and str(path) != "-"]
     for place in places:
-        taken = (
-            []
-            if place is None or str(place) == "-"
-            else [path for path in inputs if os.path.realpath(place) == os.path.realpath(path)]
-        )
+        if place is None or str(place) == "-":
+            continue
+        real, is_there = os.path.realpath(place), place.exists()
+        taken = [
+            path
+            for path in inputs
+            if os.path.realpath(path) == real or (is_there and path.exists() and path.samefile(place))
+        ]
         if taken:
             what = f"{place} is an input (log, recipe, plan, model ...), which a result must not replace"
             also = "" if taken[0] == place else f": it is {taken[0]}"

@@ -1,4 +1,4 @@
-"""Plans on disk: YAML that people edit and robots' programs read, or CSV with one row a run."""
+"""Plans on disk: YAML that people edit and robots' programs read; written also as CSV, one row a run."""
 
 import csv
 import io
@@ -11,9 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pumaid import __version__
-from pumaid.errors import ModelError, Note, Where, listed
+from pumaid.errors import ModelError, Note
 from pumaid.io.forms import (
-    Document,
     Fault,
     Finite,
     KeyPath,
@@ -138,7 +137,7 @@ def find_plan(folders: Iterable[Path]) -> Path | None:
 
 
 def read_plan(path: Path, robot: Robot) -> Plan:
-    """Read a plan, YAML or (by its ending) CSV; ``-`` is standard input, as YAML. A plan for another robot has a note.
+    """Read a plan; ``-`` is standard input. A plan for another robot has a note.
 
     Raises
     ------
@@ -150,8 +149,7 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     """
     path, name = Path(path), file_name(path)
     content = read_bytes(path, kind=ModelError, most=_MAX_BYTES)
-    is_csv = path.suffix.lower() == ".csv"
-    document = _csv_document(content, name, robot) if is_csv else parsed_yaml(content, name, kind=ModelError)
+    document = parsed_yaml(content, name, kind=ModelError)
     check = partial(_faults, robot=robot)
     form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", between=check)
     scales = [scale for _, scale in _units(robot, form.units.angle)]
@@ -174,44 +172,6 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     )
 
 
-def _hold_columns(robot: Robot, angle: str) -> list[str]:
-    """The columns of held positions in a plan's CSV."""
-    return [f"hold{number}_{unit}" for number, (unit, _) in enumerate(_units(robot, angle), start=1)]
-
-
-def _csv_document(content: bytes, file: str, robot: Robot) -> Document:
-    """A CSV plan as the document that the same plan in YAML would be."""
-    try:
-        text = content.decode("utf-8-sig")
-        reader = csv.DictReader(text.splitlines(), restval="", skipinitialspace=True)
-        rows = [(reader.line_num, row) for row in reader]
-    except (ValueError, csv.Error) as error:
-        what = f"{file} is not CSV text: {error}"
-        raise ModelError("file-not-readable", what, Where(file=file), "save it as UTF-8") from error
-    header = list(reader.fieldnames or [])
-    angle = "rad" if "_rad" in "".join(header) else "deg"
-    holds = _hold_columns(robot, angle)
-    needed = ["joint", *holds, "from", "to", "velocity"]
-    if set(header) - {"run", "unit", "purpose"} != set(needed):
-        what = f"the columns are {listed(header, 20)}"
-        mend = f"a plan of {robot.name} has {', '.join(needed)}, and may have run, unit, purpose"
-        raise ModelError("plan-wrong", what, Where(file=file, line=1), mend)
-    runs = []
-    for _, row in rows:
-        run = {name: _cell(name, row[name]) for name in ("joint", "from", "to", "velocity")}
-        runs.append({**run, "hold": [_cell(name, row[name]) for name in holds], "purpose": row.get("purpose") or "fit"})
-    lines: dict[KeyPath, int] = {(): 1} | {("runs", index): line for index, (line, _) in enumerate(rows)}
-    return Document({"kind": "plan", "format": 1, "units": {"angle": angle}, "runs": runs}, lines, [])
-
-
-def _cell(name: str, text: str) -> Any:
-    """A number where it is one."""
-    try:
-        return int(text) if name == "joint" else float(text)
-    except ValueError:
-        return text
-
-
 def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml") -> None:
     """Write a plan atomically; arguments as for `plan_text`, errors as of `write_file`."""
     write_file(path, plan_text(plan, robot, format=format))
@@ -225,10 +185,12 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
     if format == "csv":
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(["run", "joint", *_hold_columns(robot, "deg"), "from", "to", "velocity", "unit", "purpose"])
+        units = [unit for unit, _ in _units(robot, "deg")]
+        holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
+        writer.writerow(["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"])
         for count, run in enumerate(entries["runs"], start=1):
             numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
-            writer.writerow([count, run["joint"], *numbers, _units(robot, "deg")[run["joint"] - 1][0], run["purpose"]])
+            writer.writerow([count, run["joint"], *numbers, units[run["joint"] - 1], run["purpose"]])
         return out.getvalue()
     entries["duration"] = round(plan.duration, 1)
     entries["efficiency"] = None if plan.efficiency is None else round(plan.efficiency, 3)

@@ -45,6 +45,10 @@ BAD_INPUT = {
     "simulate --truth table1 -o new": "is it the truth of another robot?",
 }
 MISUSE = {
+    **dict.fromkeys(
+        ["identify logs --results=", "identify logs --heldout=", "identify logs -o=", f"report {MODEL} --recipe="],
+        "The path is empty",
+    ),
     "efects": "did you mean effects?",
     "effects --jsn": "--jsn",
     "effects a b": "argument",

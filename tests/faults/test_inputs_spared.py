@@ -33,10 +33,11 @@ def test_an_input_is_not_written_over(arm, monkeypatch, words, place):
     assert contents(arm) == before and found.stdout == ""
 
 
-def test_a_link_to_an_input_is_one(arm):
+@pytest.mark.parametrize("is_hard", [False, True])
+def test_a_link_to_an_input_is_one(arm, is_hard):
     """The same through a second name of the log."""
     link, before = arm / "other.json", (arm / LOG).read_bytes()
-    link.symlink_to(arm / LOG)
+    link.hardlink_to(arm / LOG) if is_hard else link.symlink_to(arm / LOG)
     found = invoke("identify", str(arm / "logs"), "-o", str(link))
     assert found.exit_code == 3 and "output-is-input" in found.stderr and (arm / LOG).read_bytes() == before
 

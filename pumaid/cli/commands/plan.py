@@ -42,7 +42,7 @@ _FORMS = click.Choice(PLAN_FORMS)
 @click.option("--for", metavar="EFFECT", help="Runs that show EFFECT[@JOINT].")
 @click.option("--against", metavar="EFFECT", help="With --for: runs that tell it from this.")
 @click.option("--size", type=float, metavar="A", help="With --for: its first parameter, SI.")
-@click.option("--logs", multiple=True, metavar="LOGS", help="With --for: what was run already.")
+@click.option("--logs", type=options.LOGS, multiple=True, metavar="LOGS", help="With --for: what was run already.")
 @click.option("--check", type=options.FILE, metavar="PLAN", help="What PLAN promises; exit code 1 if it lacks any.")
 @click.option("--format", "form", type=_FORMS, default="yaml", metavar="FORM", help="yaml, csv, urscript or ros2.")
 @options.picture_option

@@ -22,7 +22,7 @@ FIGURES = click.Choice(["png", "svg", "pdf"], case_sensitive=False)
 
 @click.command()
 @click.argument("model", type=options.FILE_OR_PIPE, required=False, metavar="[MODEL]")
-@click.argument("logs", nargs=-1, metavar="[LOGS...]")
+@click.argument("logs", type=options.LOGS, nargs=-1, metavar="[LOGS...]")
 @options.effects_option
 @options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
 @click.option("--table", "form", type=_TABLES, metavar="FORM", help=_TABLE_HELP)

@@ -22,9 +22,7 @@ _COUNT = click.IntRange(min=1)
 
 @click.command()
 @click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
-@click.option(
-    "--plan", type=options.FILE_OR_PIPE, metavar="FILE", help="YAML or CSV; else plan.yaml beside the recipe."
-)
+@click.option("--plan", type=options.FILE_OR_PIPE, metavar="FILE", help="The plan; else plan.yaml beside the recipe.")
 @options.output_option("Folder of the logs, else logs beside the recipe; - for one CSV on standard output.")
 @click.option(
     "--truth", type=options.FILE, metavar="FILE", help="A truth.json, or table1 (the paper's PUMA); else drawn."
