@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -28,7 +27,7 @@ FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 FREE_FALL = 9.80665
 #: Decimals of lengths and angles.
 DECIMALS = 12
-_GRIPPER = re.compile(r"grip|finger|jaw|claw|thumb", re.IGNORECASE)
+_XACRO = "; of a xacro file make a URDF first: xacro FILE > arm.urdf"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +68,7 @@ class UrdfJoint:
         is_good = all(map(math.isfinite, values)) or (tag == "limit" and not math.isnan(values[0]))
         if len(values) != count or not is_good:
             what = f'{word}="{text[:60]}" of <{tag}> is not {count} finite number{"s" * (count > 1)}'
-            raise self.refusal(what, "write them with a point, in m and rad")
+            raise self.refusal(what, f"write them with a point, in m and rad{_XACRO}")
         return values
 
     def refusal(self, what: str, mend: str) -> RecipeError:
@@ -95,12 +94,12 @@ class UrdfFile:
     reach: dict[str, int]
 
     def branches(self, link: str) -> list[UrdfJoint]:
-        """Moving joints that go out from a link and all that is fixed to it, the farthest-reaching first."""
+        """Moving joints that go out from a link and all that is fixed to it."""
         rigid, moving = [link], []
         for part in rigid:
             moving += [joint for joint in self.carried[part] if joint.moves]
             rigid += [joint.child for joint in self.carried[part] if not joint.moves]
-        return sorted(moving, key=lambda joint: -self.reach[joint.child])
+        return moving
 
     def path(self, base: str | None, tip: str) -> list[UrdfJoint]:
         """Joints outward from link `base` (the root where not given) to `tip`; [urdf-which-chain] where none lead."""
@@ -123,9 +122,8 @@ class UrdfFile:
 class UrdfRecipe:
     """A recipe made from the joints between two links of a URDF, as text and as the robot that is read back from it.
 
-    Frame 0 is link `base`; `path` are the joints from there to link `tip`, fixed ones among them. Of the other moving
-    joints the arm carries those of `carried` (a gripper, a camera), and not those `elsewhere`. `notes` tell what the
-    URDF lacks, and what was left out.
+    Frame 0 is link `base`; `path` are the joints from there to link `tip`, fixed ones among them; `left_out` are the
+    other moving joints. `notes` tell what the URDF lacks, and what was left out.
     """
 
     text: str
@@ -134,24 +132,22 @@ class UrdfRecipe:
     base: str
     tip: str
     path: list[UrdfJoint]
-    carried: list[UrdfJoint]
-    elsewhere: list[UrdfJoint]
+    left_out: list[UrdfJoint]
     notes: list[Note]
 
 
 def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = None) -> UrdfRecipe:
     """Make a recipe from a URDF (``-`` is standard input) of the arm between two links.
 
-    Without `base` the arm starts at the root. Without `tip` it is the line of most moving joints, cut where it splits
-    into a gripper or hand (branches shorter than the line so far, and as long as one another or more than two) and
-    before joints that mimic others.
+    Without `base` the arm starts at the root. Without `tip` it ends where it splits into a gripper or hand, whose
+    branches are shorter than the line so far, and before joints that mimic others.
 
     Raises
     ------
     RecipeError [file-not-readable, urdf-refused]
         It cannot be read, is no URDF, its links and joints are no trees, or a joint of the arm has impossible numbers.
     RecipeError [urdf-which-chain]
-        A link is not there, several chains are as long as one another, or none can be stated by a recipe.
+        A link is not there, there are several chains, or none can be stated by a recipe.
     """
     urdf = _read(path)
     base, tip = _ends(urdf, base, tip)
@@ -160,12 +156,7 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
     gravity = np.array([0.0, 0.0, -FREE_FALL])
     for joint in before:
         gravity = gravity @ joint.frame()[:3, :3]
-    outward = {next(joint.child for joint in arm if joint.moves)}
-    for link in urdf.links:
-        outward |= {joint.child for joint in urdf.carried[link] if link in outward}
-    rest = [joint for joint in urdf.joints if joint.moves and joint not in arm]
-    carried = [joint for joint in rest if joint.parent in outward]
-    elsewhere = [joint for joint in rest if joint.parent not in outward]
+    left_out = [joint for joint in urdf.joints if joint.moves and joint not in (*before, *arm)]
     lines, notes = _joint_lines(arm)
     file, *ends = ["".join(c if c.isprintable() else "?" for c in text) for text in (path.name, base, tip)]
     text = recipe_text(
@@ -176,21 +167,14 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
         gravity=_vector(gravity),
         joints=lines,
     )
-    last = [joint for joint in arm if joint.moves][-1:]
     for joints, slug, about in (
-        (carried, "urdf-left-out", "left out, and carried by the arm: {}; hold them still, they weigh on the arm"),
-        (elsewhere, "urdf-left-out", "left out, and not carried by the arm: {}"),
+        (left_out, "urdf-left-out", "left out: {}; hold still those that the arm carries, they weigh on it"),
         ([joint for joint in before if joint.moves], "urdf-base-moves", "gravity is given for {} before the base at 0"),
-        (
-            [joint for joint in last if len(lines) > 1 and _GRIPPER.search(f"{joint.name} {joint.child}")],
-            "urdf-left-out",
-            f"{{}}, the arm's last, may be a gripper's: leave it out with --tip {shlex.quote(last[0].parent)}",
-        ),
     ):
         names = f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({listed([joint.name for joint in joints])})"
         notes += [Note(slug, about.format(names))] if joints else []
     robot = parsed_recipe(text.encode(), file_name(path))
-    return UrdfRecipe(text, robot, urdf, base, tip, arm, carried, elsewhere, notes)
+    return UrdfRecipe(text, robot, urdf, base, tip, arm, left_out, notes)
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -259,25 +243,18 @@ def _read(path: Path) -> UrdfFile:
 
 def _parsed(content: bytes, file: str) -> ElementTree.Element:
     """The element <robot>, tags without namespaces."""
-    line, what, mend = None, "", ""
     try:
         robot = ElementTree.fromstring(content, ElementTree.XMLParser(target=_Builder()))
-    except ElementTree.ParseError as error:
-        line, what, mend = error.position[0], f"this is not XML: {error}", "every tag must be closed and quoted"
-    except (LookupError, ValueError) as error:  # an encoding that Python lacks, or that does not fit the bytes
-        what, mend = f"the text cannot be read: {error}", "save the file as plain UTF-8"
-    else:
-        for element in robot.iter():
-            space, _, tag = element.tag.rpartition("}")
-            macro = next((text for text in element.attrib.values() if "${" in text or "$(" in text), None)
-            if space.endswith("xacro") or macro is not None:
-                what = f"this is a xacro file, not a URDF: {macro or f'<{tag}>'}"
-                mend = "run: xacro FILE > arm.urdf   (with ROS 2: ros2 run xacro xacro FILE), then give arm.urdf"
-            element.tag = tag
-        if robot.tag != "robot":
-            what, mend = f"the file holds <{robot.tag[:40]}>, not <robot>", "give the arm's URDF"
-    if what:
-        raise RecipeError("urdf-refused", what[:200], Where(file=file, line=line), mend)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # also an encoding that Python lacks
+        line, mend = getattr(error, "position", (None,))[0], "every tag must be closed and quoted, the text UTF-8"
+        what = f"this is not XML that can be read: {error}"
+        raise RecipeError("urdf-refused", what[:200], Where(file=file, line=line), mend + _XACRO) from error
+    is_xacro = any("xacro}" in element.tag for element in robot.iter())
+    for element in robot.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    if is_xacro or robot.tag != "robot":
+        what = "this is a xacro file" if is_xacro else f"the file holds <{robot.tag[:40]}>, not <robot>"
+        raise RecipeError("urdf-refused", what, Where(file=file), f"give the arm's URDF{_XACRO}")
     return robot
 
 
@@ -298,33 +275,14 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
     if base is None and len(roots) > 1:
         what = f"{len(roots)} links hang on no joint: {listed(roots)}"
         raise urdf.unclear(what, "say where the arm starts, with --base LINK")
-    base = base or roots[0]
-    tip, count, ties = _longest(urdf, base)
-    if ties:
-        chains = [(tip, *_longest(urdf, joint.child)) for joint in ties]
-        chains = [(start, end, 1 + n, more) for start, end, n, more in chains] + [(base, tip, count, [])] * (count > 0)
-        options = [
-            f"--base {shlex.quote(start)} --tip {shlex.quote(end)} ({n} joint{'s' * (n > 1)})"
-            for start, end, n, _ in chains
-        ]
-        what = f"below {base} several chains of joints are as long as one another"
-        raise urdf.unclear(what, f"say which one: {listed(options, separator='; ')}")
-    return base, tip
-
-
-def _longest(urdf: UrdfFile, start: str) -> tuple[str, int, list[UrdfJoint]]:
-    """Where the line of most joints ends, its number of joints, and its branches where several are as long there."""
-    link, count = start, 0
-    while branches := urdf.branches(link):
-        lengths = [1 + urdf.reach[joint.child] for joint in branches]
-        is_tie = len(branches) > 1 and lengths[0] == lengths[1]
-        is_hand = len(branches) > 1 and lengths[0] < count and (is_tie or len(branches) > 2)
-        if is_hand or (count and not is_tie and branches[0].follows):
-            break
-        if is_tie:
-            return link, count, branches
-        link, count = branches[0].child, count + 1
-    return link, count, []
+    base = tip = base or roots[0]
+    count = 0
+    while len(branches := urdf.branches(tip)) == 1 and not (count and branches[0].follows):
+        tip, count = branches[0].child, count + 1
+    if not any(urdf.reach[joint.child] + 1 >= count for joint in branches if not joint.follows):
+        return base, tip
+    ends = [joint.child for joint in urdf.joints if joint.moves and not (joint.follows or urdf.reach[joint.child])]
+    raise urdf.unclear(f"the joints split at {tip}", f"say where the arm ends: --tip LINK, of {listed(ends)}")
 
 
 def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> None:

@@ -83,19 +83,19 @@ def test_the_recipe_says_where_it_is_from():
 def test_json_tells_what_was_done():
     """One document: the file, each joint, what was folded in and left out."""
     Path("arm.urdf").write_text(ARM.replace("</robot>", PAN))
-    document = answer("init --urdf arm.urdf")
+    document = answer("init --urdf arm.urdf --tip l4")
     made = document["urdf"]
     assert document["sha256"] == read_recipe(Path("recipe.yaml")).digest
     assert [joint["name"] for joint in made["joints"]] == ["j1", "j3", "j4"]
     assert (made["base"], made["tip"], made["folded"]) == ("l0", "l4", ["j2"])
-    assert made["left_out"] == {"carried": ["pan"], "elsewhere": []}
+    assert made["left_out"] == ["pan"]
     assert np.shape(made["joints"][0]["placement"]) == (4, 4)
     assert [note["note"] for note in made["notes"]] == ["urdf-left-out"]
 
 
 def test_the_command_that_a_refusal_names_works():
-    """The options for one of several chains can be typed as they are told."""
+    """The link where one of several chains ends can be typed as it is told."""
     Path("two.urdf").write_text(tree_text(("l1", "base", "a"), ("l2", "a", "b"), ("r1", "base", "c"), ("r2", "c", "d")))
     told = run("init", "--urdf", "two.urdf", code=3).stderr
-    run("init", "--urdf", "two.urdf", *told.split("say which one: ")[1].split(" (")[0].split())
+    run("init", "--urdf", "two.urdf", "--tip", told.split("--tip LINK, of ")[1].split(",")[0])
     assert [joint.name for joint in read_recipe(Path("recipe.yaml")).joints] == ["l1", "l2"]

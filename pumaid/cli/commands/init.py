@@ -28,7 +28,7 @@ _COUNT = click.IntRange(1, 50)
 @click.option(
     "--base", metavar="LINK", help="Where the arm starts in the URDF.  [default: the link that nothing carries]"
 )
-@click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: of the longest chain]")
+@click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: where it splits]")
 @options.force_option
 @options.output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
 @options.json_option
@@ -98,7 +98,6 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
     robot, moving = made.robot, [joint for joint in made.path if joint.moves]
     fields = ("name", "placement", "limits", "max_velocity")
     rows = [{key: getattr(joint, key) for key in fields} for joint in robot.joints]
-    left_out = {"carried": made.carried, "elsewhere": made.elsewhere}
     return {
         "file": made.urdf.file,
         "sha256": made.urdf.digest,
@@ -106,7 +105,7 @@ def _facts(made: UrdfRecipe) -> dict[str, object]:
         "tip": made.tip,
         "joints": [row | {"urdf_type": stated.kind} for row, stated in zip(rows, moving, strict=True)],
         "folded": [joint.name for joint in made.path if not joint.moves],
-        "left_out": {why: [joint.name for joint in joints] for why, joints in left_out.items()},
+        "left_out": [joint.name for joint in made.left_out],
         "gravity": robot.gravity,
         "notes": [note.as_json() for note in made.notes],
     }
