@@ -27,7 +27,9 @@ class PathType(click.Path):
     """A path; an empty one, as an unset variable of a script gives, is refused."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return super().convert(value, param, ctx) if str(value) else self.fail("The path is empty.", param, ctx)
+        if str(value) in ("", "="):  # the latter of "-o="
+            self.fail("The path is empty.", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 FILE, FILE_OR_PIPE = PathType(path_type=Path), PathType(path_type=Path, allow_dash=True)
