@@ -439,7 +439,18 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
         scores |= dict(zip(numbers, of_runs, strict=True))
         score = prediction.joint_score(of_runs)
         counted = [n for n, is_counted in enumerate(prediction.counted) if is_counted]
-        split = _budget(score, [of_runs[n] for n in counted], robot, is_fitted=all(were_fitted[n] for n in counted))
+        parts = [of_runs[n].parts for n in counted]
+        has_load = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for part in parts for name in part)
+        loads = [of_runs[n].parts.get("gravity", np.zeros(len(of_runs[n].predicted))) for n in counted]
+        split = budget(
+            joint_bins(robot, [of_runs[n].run for n in counted], is_settled=False)[0],
+            np.concatenate([of_runs[n].residual for n in counted]),
+            joint,
+            load=np.concatenate(loads) if has_load else None,
+            mean_square=(score.rmse or 0.0) ** 2,
+            floor=score.noise_floor,
+            is_fitted=all(were_fitted[n] for n in counted),
+        )
         joints.append(replace(score, budget=split))
     return Comparison(
         robot=robot.name,
@@ -451,21 +462,6 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
         recipe_digest=robot.digest,
         version=estimate.version,
-    )
-
-
-def _budget(score: JointScore, runs: Sequence[RunScore], robot: Robot, *, is_fitted: bool) -> Budget:
-    """The squared error of a joint in parts; `runs` are those behind its figures."""
-    has_load = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for run in runs for name in run.parts)
-    loads = [run.parts.get("gravity", np.zeros(len(run.predicted))) for run in runs]
-    return budget(
-        joint_bins(robot, [run.run for run in runs], is_settled=False)[0],
-        np.concatenate([run.residual for run in runs]),
-        robot.joint(score.joint),
-        load=np.concatenate(loads) if has_load else None,
-        mean_square=(score.rmse or 0.0) ** 2,
-        floor=score.noise_floor,
-        is_fitted=is_fitted,
     )
 
 

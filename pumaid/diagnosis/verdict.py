@@ -160,21 +160,15 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointVe
     passing = [form for form in forms if chances.p_value(form.added.key, form.surprise(last.scale)) <= level]
     best = max(passing, key=lambda form: evidence(last, form), default=None)
     is_clear = best is not None and evidence(last, best) > DECISIVE
-    is_gone = acting and _removed(rmse(a.bins, a.misfit), rmse(b.bins, b.misfit), b.bins, after) >= ENOUGH
+    is_gone = False
+    if acting and after is not None:
+        floor2 = after.floor**2 + float(b.bins.count @ b.bins.inside / b.bins.count.sum())
+        start2, end2 = (rmse(item.bins, item.misfit) ** 2 for item in (a, b))
+        is_gone = start2 > EXCESS * floor2 and start2 - end2 >= ENOUGH * (start2 - min(floor2, end2))
     if not is_clear and (not is_repeated or is_gone):
         return JointVerdict(MISSING if acting else ADEQUATE, before, None)
     top = best or max(forms, key=lambda form: evidence(last, form), default=None)
     return JointVerdict(UNEXPLAINED_JOINT, before, None if top is None else _shape(last, top, is_clear=is_clear))
-
-
-def _removed(start: float, end: float, bins: JointBins, after: ReplicateTest | None) -> float:
-    """Share of the excess over the floor that is gone; NaN where there is none or no floor."""
-    if after is None:
-        return np.nan
-    floor2 = after.floor**2 + float(bins.count @ bins.inside / bins.count.sum())
-    if start**2 <= EXCESS * floor2:
-        return np.nan
-    return (start**2 - end**2) / (start**2 - min(floor2, end**2))
 
 
 def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:

@@ -1,6 +1,6 @@
 """Runs that are kept for judging a model: by the plan, by file, or each joint's last posture."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +9,8 @@ from pumaid.dataset import BLOCK, Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.kinematics import posture_groups
-from pumaid.maths import Floats
 from pumaid.preprocessing.options import STROKE
-from pumaid.trajectory import Motion, Plan
+from pumaid.trajectory import Plan
 
 #: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.
 SAME_POSTURE = 0.05
@@ -41,8 +40,25 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     if not dataset.runs or not motions or len(motions[0].hold) != len(dataset.runs[0].posture):
         return dataset
     purposes = np.array([motion.purpose for motion in motions])
+    moved, hold = np.array([motion.joint for motion in motions]), np.array([motion.hold for motion in motions], float)
+    ends = np.array([(motion.start, motion.end) for motion in motions])
+    velocity = np.array([motion.velocity for motion in motions]) * np.sign(ends @ [-1.0, 1.0])
+    low, high = ends.min(axis=1), ends.max(axis=1)
     runs, strays, missing = [], [], np.ones(len(motions), dtype=np.bool_)
-    for run, away in zip(dataset.runs, _distances(dataset.runs, motions), strict=True):
+    for run in dataset.runs:
+        share, (first, last) = run.speed / velocity, sorted(run.span)
+        slower = np.abs(share - 1.0)
+        if run.kind == STROKE:
+            slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
+        shared, whole = (
+            np.minimum(high, last) - np.maximum(low, first),
+            np.maximum(high, last) - np.minimum(low, first),
+        )
+        off = np.abs(np.delete(hold - run.posture, run.joint - 1, axis=1)).max(axis=1, initial=0.0)
+        fits = (
+            (moved == run.joint) & (off <= SAME_POSTURE) & (slower <= SAME_SPEED) & (shared >= INSIDE * (last - first))
+        )
+        away = np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
         if not np.isfinite(away).any() or run.kind == BLOCK:
             strays += [run] * (run.kind != BLOCK)
             runs.append(run)
@@ -66,24 +82,6 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         )
         notes.append(Note("plan-run-unplanned", text, Where(file=strays[0].origin, row=strays[0].first_row)))
     return replace(dataset, runs=tuple(runs), notes=tuple(notes))
-
-
-def _distances(runs: Sequence[Run], motions: Sequence[Motion]) -> Iterator[Floats]:
-    """(K,) how far each run is from each motion in speed and way; infinite where it is none."""
-    moved, hold = np.array([motion.joint for motion in motions]), np.array([motion.hold for motion in motions], float)
-    ends = np.array([(motion.start, motion.end) for motion in motions])
-    velocity = np.array([motion.velocity for motion in motions]) * np.sign(ends @ [-1.0, 1.0])
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    for run in runs:
-        away, share = np.abs(np.delete(hold - run.posture, run.joint - 1, axis=1)), run.speed / velocity
-        slower = np.abs(share - 1.0)
-        if run.kind == STROKE:
-            slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
-        shared = np.minimum(high, max(run.span)) - np.maximum(low, min(run.span))
-        whole = np.maximum(high, max(run.span)) - np.minimum(low, min(run.span))
-        fits = (moved == run.joint) & (away.max(axis=1, initial=0.0) <= SAME_POSTURE) & (slower <= SAME_SPEED)
-        fits &= shared >= INSIDE * abs(run.span[1] - run.span[0])
-        yield np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
 
 
 def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:

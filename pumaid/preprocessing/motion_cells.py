@@ -152,13 +152,6 @@ def block_runs(
     return runs
 
 
-def _about_lines(values: Floats) -> Floats:
-    """(M,) variance of (M, N) equally spaced values about each row's straight line."""
-    place = np.arange(values.shape[1]) - 0.5 * (values.shape[1] - 1)
-    slope = values @ place / max(float(place @ place), 1.0)
-    return np.asarray((values - slope[:, None] * place).var(axis=1))
-
-
 def _run(
     log: Log, time: Floats, table: Cells, *, joint: int, rows: Counts, samples: tuple[int, int], clock: int
 ) -> Run:
@@ -168,6 +161,8 @@ def _run(
     starts = np.searchsorted(time, table.time[rows] - 0.5 * table.step)
     inside = np.clip(starts[:, None] + np.arange(width), 0, len(time) - 1)
     beside = np.clip(np.searchsorted(time, table.time[rows]), 0, len(time) - 1)
+    sampled, place = np.nan_to_num(log.current[inside, moving]), np.arange(width) - 0.5 * (width - 1)
+    slope = sampled @ place / max(float(place @ place), 1.0)
     position, velocity, n_columns = table.position[rows], table.velocity[rows], table.columns[0].shape[1]
     posture = position.mean(axis=0)
     posture[moving] = np.nan
@@ -179,7 +174,7 @@ def _run(
         velocity=velocity[:, moving],
         acceleration=table.acceleration[rows, moving],
         current=table.current[rows, moving],
-        variance=_about_lines(np.nan_to_num(log.current[inside, moving])),
+        variance=(sampled - slope[:, None] * place).var(axis=1),  # about a straight line
         temperature=warmth,
         extra=None if log.extra is None else log.extra[beside],
         velocities=velocity,

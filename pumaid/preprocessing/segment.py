@@ -168,11 +168,12 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             sampled, error = clock.sampling_times(samples.time, samples.position)
             ticks = Ticks.of(sampled, samples.position)
             velocity, moving = _moving(ticks, options)
-            movements = _movements(_codes(velocity, moving))
+            fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
+            signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)
+            movements = _movements(np.select([count == 0, count == 1], [REST, signed], SEVERAL))
             stretch = Stretch(samples, part, sampled, error, ticks, velocity)
             pieces = _pieces(stretch, ticks, movements, moving=moving, options=options)
-            pieces = _with_blocks(pieces, sampled, options)
-            yield stretch, pieces, int(ticks.edges[movements[-1].start])
+            yield stretch, _with_blocks(pieces, sampled, options), int(ticks.edges[movements[-1].start])
         else:
             label = "gap" if good[part[0]] else "not-a-number"
             yield Stretch(samples, part, samples.time), [Piece(0, len(part), label)], 0
@@ -193,13 +194,6 @@ def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Flags]:
         floor[joint - 1] = max(options.rest_speed, SURE * ticks.slope_error(joint, half), flicker)
     speed = np.abs(velocity)
     return velocity, speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
-
-
-def _codes(velocity: Floats, moving: Flags) -> Counts:
-    """(K,) 0 at rest, +joint or -joint by direction, or `SEVERAL`."""
-    fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
-    signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)
-    return np.where(count == 0, REST, np.where(count == 1, signed, SEVERAL)).astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,18 +294,22 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
     """The pieces, neighbours that move and are no run joined to blocks where they last long enough."""
     if options.kinds in (CONSTANT, STROKE):
         return pieces
-    moving = [piece for piece in pieces if piece.joints]
-    steady = sum(_seconds(time, piece) for piece in moving if piece.is_run)
-    least = LEAST_BESIDE if steady > TENTH * sum(_seconds(time, piece) for piece in moving) else LEAST_MOTION
+
+    def seconds(chosen: Iterable[Piece]) -> float:
+        return sum(float(time[piece.stop - 1] - time[piece.start]) for piece in chosen)
 
     def parts_motion(piece: Piece) -> bool:
-        return piece.is_run or (not piece.joints and _seconds(time, piece) > PAUSE)
+        return piece.is_run or (not piece.joints and seconds([piece]) > PAUSE)
+
+    moving = [piece for piece in pieces if piece.joints]
+    has_runs = seconds(piece for piece in moving if piece.is_run) > TENTH * seconds(moving)
+    least = LEAST_BESIDE if has_runs else LEAST_MOTION
 
     out: list[Piece] = []
     for is_border, group in groupby(pieces, key=parts_motion):
         part = list(group)
         active = [k for k, piece in enumerate(part) if piece.joints]
-        if is_border or sum(_seconds(time, part[k]) for k in active) < least:
+        if is_border or seconds(part[k] for k in active) < least:
             out += part
             continue
         first, last = active[0], active[-1]
@@ -319,10 +317,6 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
         block = Piece(part[first].start, part[last].stop, BLOCK, tuple(joints))
         out += [*part[:first], block, *part[last + 1 :]]
     return out
-
-
-def _seconds(time: Floats, piece: Piece) -> float:
-    return float(time[piece.stop - 1] - time[piece.start])
 
 
 def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
