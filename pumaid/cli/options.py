@@ -59,9 +59,7 @@ units_option = click.option(
     "--units", type=click.Choice(["rad", "deg"]), default="rad", help="Unit of angles in tables; JSON is in rad."
 )
 check_option = click.option("--check", is_flag=True, help="Leave with exit code 1 if something asks for attention.")
-suspect_option = click.option(
-    "--suspect", multiple=True, metavar="COLUMN", help="A column that may be the cause (a supply voltage); repeatable."
-)
+suspect_option = click.option("--suspect", multiple=True, metavar="COLUMN", help="A column that may be the cause.")
 force_option = click.option("--force", is_flag=True, help="Replace what is there already.")
 
 
