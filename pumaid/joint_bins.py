@@ -192,13 +192,13 @@ class JointBins:
         before, after = np.maximum(place - 1, first[self.run]), np.minimum(place + 1, last[self.run])
         return np.asarray((values[after] - values[before]) / np.maximum(after - before, 1))
 
-    def inside_left(self, drawn: Floats, own: Floats | None = None) -> Floats:
-        """(N,) A2 of variance inside bins that a prediction (N,) leaves; `own` is its own variance there, by default
+    def inside_left(self, drawn: Floats, spread: Floats | None = None) -> Floats:
+        """(N,) A2 of variance inside bins that a prediction (N,) leaves; `spread` is its own variance there, by default
         that of its straight line from bin to bin."""
         rise, slope = self.rises(drawn), self.rises(self.current - drawn)
         # The variance in a block's cells is about a straight line already.
         wide = np.where(self.is_block[self.run], 0.0, (1.0 - 1.0 / self.count**2) / 12.0)
-        remaining = self.inside - (rise**2 * wide if own is None else own) - 2.0 * rise * slope * wide
+        remaining = self.inside - (rise**2 * wide if spread is None else spread) - 2.0 * rise * slope * wide
         return np.where(remaining > ROUNDED * self.inside, remaining, 0.0)
 
 

@@ -37,11 +37,11 @@ def remark(text: str) -> None:
     click.echo(visible(text), err=True)
 
 
-def notes(found: Iterable[Note]) -> None:
+def notes(several: Iterable[Note]) -> None:
     """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
     from pumaid.reporting.text import merge_notes
 
-    for line in dict.fromkeys(visible(str(note)) for note in merge_notes(found)):
+    for line in dict.fromkeys(visible(str(note)) for note in merge_notes(several)):
         head, _, rest = line.partition("]: ")
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 

@@ -94,8 +94,17 @@ def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel
         if terms[0] == terms[1] and not any(term.effect.needs_loads for term in terms[0]):
             return old.in_columns(before.model.names, model.names)
     design = design_of(model, bins, before)
-    inner, slow = (noise, 1.0) if noise is not None else noises.inside_runs(bins, design)
-    return Row.of(bins, design, inner, slow=slow)
+    if noise is not None:
+        return Row.of(bins, design, noise)
+    inner, slow = noises.inside_runs(bins, design)
+    row = Row.of(bins, design, inner, slow=slow)
+    times = noises.excess(row.regressors, row.target, counts=row.counts, is_other=bins.accelerates)
+    if times == 1.0:
+        return row
+    # What the model misses where joints accelerate comes again in each such run, and does not average out.
+    times = 1.0 + (times - 1.0) * np.count_nonzero(bins.accelerates)
+    spread = inner.spread * np.where(bins.accelerates, np.sqrt(times), 1.0)
+    return Row.of(bins, design, replace(inner, spread=spread), slow=slow)
 
 
 def _recursions(

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts, Flags, Floats
 
 #: Fewest pairs of repeated runs from which noise is taken; with fewer it comes from the residuals.
 FEWEST_PAIRS = 6
@@ -35,6 +35,8 @@ FEWEST_FREEDOMS = 4
 #: Logarithms between which the ratio of level to sample, times a run's weight, is looked for: on grids of so many
 #: points, in so many rounds, each about the best of the last.
 LOWEST, HIGHEST, POINTS, ROUNDS = -10.0, 14.0, 17, 6
+#: Most times that a run's variance is taken to be that of others, and what is one of these (its logarithm).
+MOST_EXCESS, SAME_EXCESS = 1e6, 0.01
 #: Costs that differ by less are one; singular values below this share of the largest are rounding.
 SAME_COST, RANK = 1e-6, 1e-9
 
@@ -287,6 +289,29 @@ def estimate(ones: Floats, design: Floats, target: Floats, *, counts: Counts) ->
     costs, samples = profile(ratios)
     simplest = int(costs[1] <= costs.min() + SAME_COST)
     return Levels(float(samples[simplest]), float(ratios[simplest] * samples[simplest]), freedoms)
+
+
+def excess(design: Floats, target: Floats, *, counts: Counts, is_other: Flags) -> float:
+    """How many times the variance of the rest some of R runs have beside a fit of all; 1 where that cannot be told.
+
+    `design` (R, k, q), `target` (R, k); of the k rows of a run `counts` (R,) are true, the others zero.
+
+    Source: W. Foerstner, Z. Vermessungswesen 104 (1979) 149-156: variance components by redundancy.
+    """
+    times, groups = 1.0, (is_other, ~is_other)
+    for _ in range(ROUNDS):
+        weight = np.where(is_other, times**-0.5, 1.0)[:, None]
+        basis, values = _orthonormal(design * weight[:, :, None]), target * weight
+        residual = values - basis @ np.einsum("rkb,rk->b", basis, values)
+        redundancy = [float(counts[group].sum() - np.sum(basis[group] ** 2)) for group in groups]
+        squares = [float(np.sum(residual[group] ** 2)) for group in groups]
+        if min(redundancy) < FEWEST_FREEDOMS or squares[1] <= EXACT**2 * float(np.sum(values**2)):
+            return 1.0
+        ratio = squares[0] / redundancy[0] * redundancy[1] / squares[1]
+        times, before = min(max(times * ratio, 1.0), MOST_EXCESS), times
+        if abs(np.log(times / before)) < SAME_EXCESS:
+            break
+    return times
 
 
 def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:

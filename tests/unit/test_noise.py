@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from pumaid.estimation.noise import Levels, estimate, freedoms, whiten
+from pumaid.estimation.noise import Levels, estimate, excess, freedoms, whiten
 
 RUNS, ROWS = 12, 3
 #: Each run's constant in its own rows, as the QR of a long run makes it: long along one direction.
@@ -35,6 +35,16 @@ def dense_likelihood(target: np.ndarray, sample: float, level: float, *, more: n
     info = X.T @ inverse @ X
     P = inverse - inverse @ X @ np.linalg.inv(info) @ X.T @ inverse
     return float(np.linalg.slogdet(V)[1] + np.linalg.slogdet(info)[1] + target.ravel() @ P @ target.ravel())
+
+
+@pytest.mark.parametrize(("times", "least", "most"), [(1.0, 1.0, 1.3), (9.0, 7.5, 10.5)])
+def test_excess_of_some_runs(times, least, most):
+    """Over many draws the median is the variance that some runs have over others; never less than one."""
+    rng, is_other = np.random.default_rng(2), np.arange(RUNS) % 3 == 0
+    loud = np.where(is_other, np.sqrt(times), 1.0)[:, None]
+    draws = [excess(DESIGN, loud * rng.normal(size=(RUNS, ROWS)), counts=COUNTS, is_other=is_other) for _ in range(200)]
+    assert least <= np.median(draws) <= most and min(draws) >= 1.0
+    assert excess(DESIGN, rng.normal(size=(RUNS, ROWS)), counts=COUNTS, is_other=np.full(RUNS, True)) == 1.0
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from worlds import course, run_of
 
-from pumaid.dataset import Log
+from pumaid.dataset import Dataset, Log
+from pumaid.estimation.estimate import identify
 from pumaid.preprocessing.binning import sliding, stroke_bins
 from pumaid.preprocessing.options import SegmentOptions
+from pumaid.robot import Joint, Robot
 
+LEVER = Robot("lever", (Joint(1, "lever", "revolute"),), (0.0, -9.80665, 0.0))
 #: A by cosine, sine, one, rad/s and rad/s2; A of noise.
 TRUTH, SIGMA = np.array([3.0, 0.5, 1.0, 0.4, 0.6]), 0.02
 #: rad/s, rad/s2 and rad of a movement whose speed is a trapezoid: its acceleration jumps four times.
@@ -75,3 +79,20 @@ def test_too_few_currents_make_no_stroke():
     """Of some twenty currents averages would be off by more than blunt corners make of plain samples."""
     log, window = stroke(60.0, 1, lost=0.8)
     assert stroke_bins(log, 1, time=log.time, window=window) is None
+
+
+@pytest.mark.parametrize("wrong", [0.0, 1.0])
+def test_strokes_that_contradict_other_runs_move_no_friction(wrong):
+    """Five strokes that draw 1 A more than they should count for little beside twenty runs at constant speed."""
+    rng, runs = np.random.default_rng(4), []
+    for number in range(25):
+        kind, way = ("stroke", "constant")[number % 5 > 0], (-1.5, 1.5)[number % 2]
+        moves = course(kind, -way, way, duration=1.0 + 0.2 * (number % 7), samples=400)
+        _, q, speed, pull = moves
+        current = 3.0 * np.cos(q) + 0.5 * np.sign(way) + 0.2 * speed + 0.3 * pull + wrong * (kind == "stroke")
+        current += SIGMA * rng.normal(size=400) + 0.5 * SIGMA * rng.normal()
+        runs.append(run_of(LEVER, 1, (0.0,), course=moves, current=current))
+    estimate = identify(Dataset(tuple(runs)), LEVER)
+    for name, value in (("coulomb.j1.plus", 0.5), ("viscous.j1.plus", 0.2), ("viscous.j1.minus", 0.2)):
+        assert abs(estimate.value(name).value - value) < 4.0 * estimate.value(name).std_error < 0.06
+    assert ("model-misses" in [note.slug for note in estimate.notes]) == bool(wrong)
