@@ -25,6 +25,12 @@ from pumaid.samples import Loads, Samples
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
+#: Units of a rotor's inertia, of masses and of first moments, of a joint that slides and of one that turns.
+UNITS = {
+    "rotor": ("A s2/m", "A s2/rad"),
+    "m": ("A s2/m", "A s2/m2"),
+    **dict.fromkeys(("mx", "my", "mz"), ("A s2", "A s2/m")),
+}
 #: Random postures a joint: several times the most columns that a row can have (2 n + 4 for n = 10 joints).
 POSTURES = 120
 
@@ -175,9 +181,10 @@ class Model:
         for name in rigid_body_names(self.robot) if self.is_dynamic else ():
             kind, owner, *part = name.split(".")
             symbol = f"I{owner[1:]}{part[0] if part else ''}"
-            unit = "A s2/m" if name.endswith((".m", ".mx", ".my", ".mz")) else "A s2/rad"
+            unit = UNITS.get(kind if kind == "rotor" else part[0], ("A s2 m", "A s2/rad"))
+            turns = self.robot.joint(int(owner[1:])).is_revolute
             if kind != "gravity":
-                yield Column(name, symbol, unit, "inertia", int(owner[1:]), INERTIA, scope=Scope.LINK)
+                yield Column(name, symbol, unit[turns], "inertia", int(owner[1:]), INERTIA, scope=Scope.LINK)
         for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
             parts = EffectTerm(effect, number).parts(self.robot, None)
             yield from (replace(part, span=math.inf) for part in parts if part.name not in self.structure.absent)

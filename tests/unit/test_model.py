@@ -44,6 +44,7 @@ def test_names_are_the_contracts():
     assert symbols["gravity.l3.mass"] == ("m3", "A s2/m")
     assert symbols["gravity.l6.x"] == ("k6x", "A s2/m")
     assert symbols["viscous.j3.plus"] == ("lambda2+", "A s/m") and symbols["viscous.j2.plus"][1] == "A s/rad"
+    assert symbols["rotor.j3"][1] == "A s2/m" and symbols["inertia.l2.zz"][1] == "A s2/rad"
 
 
 def test_outer_links_act_on_inner_joints_only():

@@ -122,7 +122,7 @@ def test_strokes_and_runs_of_an_engines_arm():
     estimate = identify(Dataset(tuple(runs)), robot)
     for joint, (dry, viscous) in enumerate(friction, start=1):
         values = [estimate.value(f"{name}.j{joint}.plus").value for name in ("coulomb", "viscous")]
-        assert values == pytest.approx([dry, viscous], rel=1e-4)
+        assert values == pytest.approx([dry, viscous], rel=1e-6)
     felt = {part.text[:23]: part.value for part in estimate.combinations if part.text.startswith("inertia")}
     inertia = np.diag(pin.crba(model, model.createData(), held[0])) * gains
     assert felt == {f"inertia felt by joint {n}": pytest.approx(inertia[n - 1], rel=1e-8) for n in (1, 2, 3)}
