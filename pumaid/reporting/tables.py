@@ -119,13 +119,13 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     unseen = {
         key
         for key, values in rows.items()
-        if key[0] in ("inertia", "rotor") and all(value.value is None for value in values.values())
+        if key[0] in ("inertia", "rotor") and key[1] != "J" and all(value.value is None for value in values.values())
     }
     for key in sorted(rows.keys() - unseen, key=lambda key: (place.get(key, len(_ORDER)), key)):
         scale = gravity if key[0] == "gravity" else 1.0
         names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
         unit = " | ".join(dict.fromkeys(name for name in names if name))
-        text, tex = labels.get(key, (" ".join(key), ""))
+        text, tex = labels.get(key, (" ".join(key).strip(), ""))
         head = Cell(f"{text} ({unit})" if unit else text, latex=f"{tex} ({unit})" if tex and unit else tex)
         cells = [_value_cell(rows[key].get(n), units, marks, scale=scale) for n in range(1, robot.n_joints + 1)]
         body.append([head, *cells])
@@ -154,7 +154,7 @@ def row_of(value: Value) -> tuple[str, str]:
     """Row of the parameter table in which a value stands: effect and parameter."""
     parts = value.name.split(".")
     if parts[0] != "gain_ratio":
-        return parts[0], parts[-1]
+        return parts[0], "" if parts[0] == "rotor" else parts[-1]
     step = int(parts[2]) - int(parts[1])
     return parts[0], "" if step == 1 else str(step)
 
