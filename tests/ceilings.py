@@ -2,7 +2,7 @@
 
 CEILINGS = {
     "lines": 27455,
-    "statements": 17185,
+    "statements": 17187,
     "modules": 166,
     "import depth": 12,
     "lines of tests and tools": 23354,

@@ -29,6 +29,7 @@ LEAST_LEVER = 0.035
 NAMED = 3
 
 MOVE_ALONE = "move the joint alone, at several speeds, both ways"
+ACCELERATE = "record motion in which several joints accelerate at once"
 LEVEL = "repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
 WITH_TOOL = "record more, and more varied, motion, with a tool or payload of 1 to 2 kg"
 TRAVEL = "let the joint travel further, in both directions"
@@ -37,10 +38,8 @@ REASONS: dict[str, tuple[str, str | None]] = {
     "no runs": ("waits for logs in which its joint moves alone", MOVE_ALONE),
     "no runs of one joint": ("waits for logs in which joint {joint} moves alone", MOVE_ALONE),
     "together": ("only determined together with {names}", "repeat its runs in other postures and at other speeds"),
-    "not accelerated": (
-        "no motion in these logs shows it",
-        "record motion in which several joints accelerate at once",
-    ),
+    "not accelerated": ("no motion in these logs shows it", ACCELERATE),
+    "inertia in sums": ("these logs show it only in sums with inertias of other links", ACCELERATE),
     "one direction": ("the joint never moves {way} in these logs", "repeat its {other} runs {way}"),
     "one speed": (
         "every {way} run has {speeds} {unit}, so Coulomb and viscous friction cannot be told apart, only their sum at"
@@ -178,7 +177,8 @@ def of_column(
     if column.effect in ("coulomb", "viscous"):
         return _of_friction(model, column, coverage[column.owner], partners)
     if column.effect != "gravity":
-        return reason("together", names=listed(partners, NAMED)) if partners else reason("not accelerated")
+        kind = "together" if 0 < len(partners) <= NAMED else "inertia in sums" if partners else "not accelerated"
+        return reason(kind, names=listed(partners, NAMED))
     of_friction = any(name.startswith(("coulomb", "viscous")) for name in partners)
     if not model.robot.joint(column.owner).is_revolute and of_friction:
         return reason("one load")

@@ -136,7 +136,7 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*_ORDER, *unseen})
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
     legend += ["n/i: not identifiable from these logs"] if marks else []
-    legend += [f"{len(unseen)} rows of inertia are left out, of which no motion shows any"] if unseen else []
+    legend += [f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []
     texts = []  # parameters of the whole arm, which have no column
     for value in estimate.values:
         if value.joint is None and not value.name.startswith("gain_ratio"):
