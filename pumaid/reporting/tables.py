@@ -134,7 +134,10 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     body.append(["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints)])
     body.append(["runs", *(str(fit.runs) for fit in estimate.joints)])
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*_ORDER, *unseen})
-    legend = [f"g = {number(gravity, 6)} m/s2", *(f"{e}: {catalogue()[e].title}" for e in extra if e in catalogue())]
+    titles = {effect: catalogue()[effect].title for effect in extra if effect in catalogue()}
+    if "inertia" in titles and ("inertia", "J") not in rows:
+        titles["inertia"] = "base parameters of the rigid body"
+    legend = [f"g = {number(gravity, 6)} m/s2", *(f"{effect}: {title}" for effect, title in titles.items())]
     legend += ["n/i: not identifiable from these logs"] if marks else []
     legend += [f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []
     texts = []  # parameters of the whole arm, which have no column
