@@ -17,8 +17,7 @@ from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
-from pumaid.maths import Counts, Flags, Floats, rank
-from pumaid.maths.bilinear import Recursion
+from pumaid.maths import Counts, Flags, Floats, Recursion, independent
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Joint, Robot
 from pumaid.samples import Loads, Samples
@@ -90,7 +89,7 @@ def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], se
         friction = np.column_stack([sign > 0, sign < 0]).astype(float)
         # Columns that are zero but for rounding (twists of 90 degrees are not exact) are zero.
         matrix[:, np.linalg.norm(matrix, axis=0) <= 1e-9 * np.sqrt(POSTURES)] = 0.0
-        sure = rank.independent(np.hstack([friction, matrix]), first=2)[2:]
+        sure = independent(np.hstack([friction, matrix]), first=2)[2:]
         constant = bool(rows[:, owned].any()) and not sure[: len(owned)].any()
         if constant and not robot.joint(row + 1).is_revolute:
             embodied.append(row + 1)

@@ -39,8 +39,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins, at, distinct
-from pumaid.maths import Floats
-from pumaid.maths.rank import pseudo_inverse
+from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.options import CONSTANT

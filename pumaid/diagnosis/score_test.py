@@ -12,8 +12,7 @@ from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import ABSORBED, Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Floats
-from pumaid.maths.rank import FLAT, pseudo_inverse
+from pumaid.maths import FLAT, Floats, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum. Least share of an information that is left for a residual where few runs feed many parameters.

@@ -14,8 +14,7 @@ from pumaid.effect_spec import EffectTerm, columns_each
 from pumaid.estimation import noise as noises
 from pumaid.estimation.noise import Levels, NoiseModel, reduced
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Counts, Floats, rank
-from pumaid.maths.bilinear import Bilinear, Gains, JointSolution
+from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, pseudo_inverse
 from pumaid.model import Model, loads_at
 from pumaid.samples import Samples
 
@@ -299,7 +298,7 @@ def at_bins(fitted: Fit, bins: JointBins) -> Fit:
     design, bins = design_of(fitted.model, bins, fitted), replace(bins, samples=with_loads(fitted, bins))
     noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
     other = fitted.with_rows({bins.joint: fitted.at(bins, design, noise)})
-    inverse, _ = rank.pseudo_inverse(other.information() + np.diag(fitted.prior**2))
+    inverse, _ = pseudo_inverse(other.information() + np.diag(fitted.prior**2))
     linear = replace(fitted.solution.linear, inverse=inverse)
     return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)
 

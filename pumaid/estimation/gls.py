@@ -11,15 +11,18 @@ from pumaid.estimation import noise as noises
 from pumaid.estimation.fit import Fit, Row, design_of, plausible, with_loads
 from pumaid.estimation.noise import Levels, NoiseModel
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Counts, Flags, Floats, rank
-from pumaid.maths.bilinear import (
+from pumaid.maths import (
     LARGEST_RATIO,
     RATIO_SPREAD,
     USUAL_RATIO,
     Bilinear,
+    Counts,
+    Flags,
+    Floats,
     Gains,
     Recursion,
     fit_bilinear,
+    least_squares,
     ratio_spread,
     restarted,
 )
@@ -227,7 +230,7 @@ def _linearised(fitted: Fit, jacobian: Floats) -> Fit:
     solution, limit = fitted.solution, reach_of(fitted.limit, fitted.prior)
     rows = np.vstack([jacobian, np.diag(fitted.prior)])
     target = np.concatenate([solution.residual, np.zeros(len(fitted.prior))])
-    linear = rank.solve(rows, target, limit=limit)
+    linear = least_squares(rows, target, limit=limit)
     return replace(fitted, solution=replace(solution, linear=linear, jacobian=jacobian))
 
 

@@ -18,8 +18,7 @@ from pumaid.estimation.noise import freedoms
 from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
-from pumaid.maths import Counts, Flags, Floats
-from pumaid.maths.bilinear import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Gains, JointSolution
+from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Flags, Floats, Gains, JointSolution
 from pumaid.samples import Samples
 
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its

@@ -13,8 +13,7 @@ from free_motion import picks, reach, recorded, true_values, waves
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.maths.bilinear import Bilinear, Recursion, fit_bilinear
-from pumaid.maths.rank import independent
+from pumaid.maths import Bilinear, Recursion, fit_bilinear, independent
 from pumaid.preprocessing.segment import segment
 from pumaid.simulation.random_robot import draw
 

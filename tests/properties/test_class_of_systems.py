@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from pumaid.maths.bilinear import Bilinear, Recursion, fit_bilinear
+from pumaid.maths import Bilinear, Recursion, fit_bilinear
 
 SAMPLES = 40
 #: Relative; random 40-row blocks have condition numbers up to some hundreds a row, over up to seven rows.

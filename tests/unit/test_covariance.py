@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg, stats
 
 from pumaid.estimation.identifiability import Clustered, clustered, interval, recursion_covariance, two_sided
-from pumaid.maths.bilinear import Bilinear, Recursion
+from pumaid.maths import Bilinear, Recursion
 
 RNG = np.random.default_rng(9)
 SIZES = (3, 5, 2, 4, 6, 3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, fit_runs, only
 
-from pumaid.maths.bilinear import RATIO_SPREAD
+from pumaid.maths import RATIO_SPREAD
 from pumaid.model import Model
 from pumaid.simulation import Bench
 from pumaid.trajectory import Motion, Plan

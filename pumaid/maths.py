@@ -1,4 +1,7 @@
-"""Rows n to 1 of any block-triangular system whose row gains are unknown.
+"""Kinds of arrays, and linear algebra that knows no robot.
+
+Least squares that tells what the data leave open, and rows n to 1 of any block-triangular system whose row gains are
+unknown.
 
 The system is i = diag(eta) A w with A block upper triangular: each column belongs to one row (its owner), and row i
 holds nothing of columns owned by rows before it. With w*_j = eta_j w_j, row i reads
@@ -15,8 +18,102 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pumaid.maths import Counts, Floats, rank
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+#: Singular values of the column-scaled matrix below this share of the largest are rounding: triangles are formed in
+#: double precision (1e-16) from regressors of order one, and merging thousands of them loses about six digits.
+RELATIVE_TOLERANCE = 1e-9
+#: With limits the columns are not scaled to one length, so only what is surely rounding of the largest counts as zero.
+ROUNDING = 1e-13
+#: Eigenvalues of a scaled information below this share of the largest are directions that the data do not show; columns
+#: shorter than a share of the longest are zero but for rounding.
+FLAT, FAINT = 1e-10, 1e-12
+#: A parameter whose share in an undetermined unit direction is below this does not belong to it (rounding).
+SHARE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LeastSquares:
+    """A minimum-norm least-squares solution (p,) with its blind directions.
+
+    `inverse` (p, p) is the pseudo-inverse of the information matrix, the covariance when the rows are whitened; `blind`
+    (p, b) has directions, in columns, of unit length in the scaled parameters, that the rows do not determine; `scale`
+    (p,) are the column norms by which the parameters were scaled, 0 for a zero column.
+    """
+
+    values: Floats
+    inverse: Floats
+    blind: Floats
+    scale: Floats
+
+    @property
+    def determined(self) -> Flags:
+        """(p,) whether each parameter is free of every blind direction."""
+        if self.blind.size == 0:
+            return np.ones(len(self.values), dtype=bool)
+        return np.max(np.abs(self.blind), axis=1) < SHARE_TOLERANCE
+
+
+def least_squares(
+    rows: Floats, target: Floats, *, limit: Floats | None = None, tolerance: float = RELATIVE_TOLERANCE
+) -> LeastSquares:
+    """Least squares by a column-scaled singular value decomposition, minimum norm where the rank is short.
+
+    `rows` (N, p) and `target` (N,) are whitened: each target has unit variance (any common one without `limit`).
+    `limit` (p,) is the largest standard error at which a parameter still says anything: a direction is blind, too, when
+    its standard error exceeds one, each parameter measured by its limit. Singular values below the share `tolerance` of
+    the largest count as zero.
+
+    Source: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, ch. 14 (the paper used their HFTI).
+    """
+    norms = np.linalg.norm(rows, axis=0)
+    if not norms.any():
+        p = len(norms)
+        return LeastSquares(np.zeros(p), np.zeros((p, p)), np.eye(p), norms)
+    inverse_scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    if limit is not None:
+        inverse_scale = np.where(norms > 0, limit, 0.0)
+    basis, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
+    full = np.zeros(len(norms))
+    full[: len(singular)] = singular
+    is_shown = full > (tolerance * full[0] if limit is None else max(1.0, ROUNDING * full[0]))
+    shown = np.flatnonzero(is_shown)
+    half = inverse_scale[:, None] * (right[shown].T / full[shown])
+    values = half @ (basis[:, shown].T @ target)
+    return LeastSquares(values, half @ half.T, right[~is_shown].T, norms)
+
+
+def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> Flags:
+    """(p,) which columns are determined once the `first` leading columns have had the first word.
+
+    The leading columns absorb what any other column shares with them, so a column that is a combination of leading
+    ones is not determined while the leading ones stay so.
+    """
+    scale = np.linalg.norm(rows, axis=0)
+    unit = np.divide(rows, scale, out=np.zeros_like(rows), where=scale > 0)
+    lead, rest = unit[:, :first], unit[:, first:]
+    if first:
+        vectors, singular, _ = np.linalg.svd(lead, full_matrices=False)
+        basis = vectors[:, singular > tolerance * singular[0]]
+        lead, rest = basis.T @ lead, rest - basis @ (basis.T @ rest)
+        rest[:, np.linalg.norm(rest, axis=0) < tolerance * 100] = 0.0
+    parts = [least_squares(part, np.zeros(len(part)), tolerance=tolerance).determined for part in (lead, rest)]
+    return np.concatenate(parts) & (scale > 0)
+
+
+def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
+    """Pseudo-inverse (P, P) of a symmetric matrix in scaled columns, and the rank."""
+    size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
+    values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
+    is_shown = values > FLAT * values[-1]
+    half = vectors[:, is_shown] / np.sqrt(values[is_shown])
+    return (unit[:, None] * half) @ (half.T * unit[None, :]), int(np.count_nonzero(is_shown))
+
 
 #: A ratio of gains with a larger standard error than this says nothing about any machine.
 LARGEST_RATIO = 1e4
@@ -141,9 +238,9 @@ class Recursion:
         """Solve row `row` from (N, p) regressors and (N,) target of equal variance.
 
         A nu that cannot be told from the row's own columns is left out: they absorb it, the ratio stays unknown, and
-        the own columns that absorbed it are marked as undetermined. `limit` (p,) is that of `rank.solve`; `spread` is
-        a prior standard deviation of ratios about `USUAL_RATIO` (rows whitened), for a start that no weakly shown ratio
-        spoils: then a nu that cannot be told joins all the same, with that ratio.
+        the own columns that absorbed it are marked as undetermined. `limit` (p,) is that of `least_squares`; `spread`
+        is a prior standard deviation of ratios about `USUAL_RATIO` (rows whitened), for a start that no weakly shown
+        ratio spoils: then a nu that cannot be told joins all the same, with that ratio.
         """
         matrix, owned, roots = self.design(row, rows)
         if spread is not None:
@@ -152,13 +249,13 @@ class Recursion:
             target = np.concatenate([target, np.full(len(roots), USUAL_RATIO / spread)])
         if limit is not None:
             limit = np.concatenate([limit[owned], np.full(len(roots), LARGEST_RATIO)])
-        solution = rank.solve(matrix, target, limit=limit)
+        solution = least_squares(matrix, target, limit=limit)
         self.undetermined[owned] = ~solution.determined[: len(owned)]
         is_shown = solution.determined.copy()
         is_shown[: len(owned)] = True
         if not is_shown.all():
             rest = target if spread is None else target - USUAL_RATIO * matrix[:, ~is_shown].sum(axis=1)
-            solution = rank.solve(matrix[:, is_shown], rest, limit=None if limit is None else limit[is_shown])
+            solution = least_squares(matrix[:, is_shown], rest, limit=None if limit is None else limit[is_shown])
         self.values[owned] = solution.values[: len(owned)]
         ratios = np.full(len(is_shown), USUAL_RATIO)
         ratios[is_shown] = solution.values
@@ -240,7 +337,7 @@ class JointSolution:
 
     values: Floats
     gains: Gains
-    linear: rank.Solution
+    linear: LeastSquares
     jacobian: Floats
     residual: Floats
 
@@ -258,8 +355,9 @@ def fit_bilinear(
 
     Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
     that does not lower the sum of squares is halved. Edges that `gains` does not have stay unknown; `limit` is as for
-    `rank.solve`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation, of
-    parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No steps only linearise at the start.
+    `least_squares`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation,
+    of parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No steps only linearise at the
+    start.
 
     Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and
     C. J. Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
@@ -271,9 +369,9 @@ def fit_bilinear(
     def residual(at: Floats) -> Floats:
         return np.concatenate([small.left(at[:p], gains.with_ratios(at[p:])), held @ (centre - at)])
 
-    def step(at: Floats, off: Floats) -> rank.Solution:
+    def step(at: Floats, off: Floats) -> LeastSquares:
         jacobian = small.jacobian(gains.with_ratios(at[p:]), at[:p])
-        return rank.solve(np.vstack([jacobian, held]), off, limit=limit)
+        return least_squares(np.vstack([jacobian, held]), off, limit=limit)
 
     off, linear = residual(theta), None
     for _ in range(most_steps):
@@ -298,7 +396,7 @@ def ratio_spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
     jacobian, out = system.jacobian(gains, values), []
     for number, (edge, row) in enumerate(zip(gains.edges, gains.uppers, strict=True)):
         columns = np.append(np.flatnonzero(system.owners == row), len(values) + number)
-        alone = rank.solve(jacobian[system.row == row][:, columns], system.target[system.row == row])
+        alone = least_squares(jacobian[system.row == row][:, columns], system.target[system.row == row])
         error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
         is_shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
         out.append(np.inf if is_shown else RATIO_SPREAD)
@@ -317,7 +415,7 @@ def restarted(system: Bilinear, values: Floats, gains: Gains, *, limit: Floats, 
         ratios = best.gains.ratios
         ratios[number] = -ratios[number] if ratio is None else ratio
         tried = best.gains.with_ratios(ratios)
-        start = rank.solve(system.scaled(tried), system.target, limit=limit[: len(values)]).values
+        start = least_squares(system.scaled(tried), system.target, limit=limit[: len(values)]).values
         refined = fit_bilinear(system, start, tried, limit=limit, prior=prior)
         if refined.residual @ refined.residual < BETTER * (best.residual @ best.residual):
             best = refined
