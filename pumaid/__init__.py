@@ -29,7 +29,7 @@ _NAMES = {
     " read_diagnosis write_diagnosis",
     "pumaid.estimate": "Combination Estimate JointFit Value",
     "pumaid.estimation.evaluate": "Budget BudgetPart Comparison JointScore RunScore",
-    "pumaid.samples": "Samples",
+    "pumaid.effects.formula": "Samples",
     "pumaid.results.history": "History Ladder Rung read_history",
     "pumaid.results.model_file": "read_model write_model",
     "pumaid.robot": "EffectChoice Joint LogFormat Robot",

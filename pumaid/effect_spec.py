@@ -8,13 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pumaid.effects import Effect, Scope, catalogue
-from pumaid.effects.base import Parameter, Shape
+from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import Estimate
 from pumaid.maths import Floats
 from pumaid.robot import ALL, EffectChoice, Robot, read_choice
-from pumaid.samples import Samples
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
@@ -141,17 +139,6 @@ class EffectTerm:
     def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> EffectTerm:
         """The same with other shapes, and derivatives at other sizes."""
         return replace(self, shape={**self.shape, **shape}, sizes=tuple(float(size) for size in sizes))
-
-
-def columns_each(terms: Sequence[EffectTerm], robot: Robot, samples: Samples) -> Floats:
-    """(M, k p) of one effect with each of k shapes, side by side; what they share is computed once."""
-    first = terms[0]
-    if len(terms) == 1 or not first.touches(samples.joint):
-        return np.column_stack([term.linear(robot, samples) for term in terms])
-    columns = first.effect.columns_each(robot, samples, number=first.number, shapes=[term.shape for term in terms])
-    out = np.column_stack(columns)
-    out[np.isnan(out)] = 0.0
-    return out
 
 
 def scale_of(shape: Shape, value: float) -> float:

@@ -14,13 +14,12 @@ import numpy as np
 
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
-from pumaid.effects import Scope, catalogue
+from pumaid.effects import Loads, Samples, Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
 from pumaid.maths import Counts, Flags, Floats, Recursion, independent
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Loads, Samples
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
@@ -82,7 +81,8 @@ def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], se
     embodied: list[int] = []
     for row in reversed(range(n)):
         position = rng.uniform(-np.pi, np.pi, (POSTURES, n))
-        felt = gravity.columns_of(robot, Samples(row + 1, position, np.zeros_like(position)), range(row + 1, n + 1))
+        samples = Samples(row + 1, position, np.zeros_like(position))
+        felt = {link: gravity.columns(robot, samples, number=link) for link in range(row + 1, n + 1)}
         rows = np.hstack([felt.get(link, np.zeros((POSTURES, width))) for link, width in enumerate(widths, start=1)])
         sign = rng.choice([-1.0, 1.0], POSTURES)
         matrix, owned, roots = recursion.design(row, rows)
@@ -236,7 +236,8 @@ class Model:
                 if column.effect == effect.name
                 and (links and column.owner >= moving if is_link else column.owner == moving)
             ]
-            values = effect.columns_of(self.robot, samples, sorted({column.owner for _, column in columns}))
+            owners = sorted({column.owner for _, column in columns})
+            values = {owner: effect.columns(self.robot, samples, number=owner) for owner in owners}
             for index, column in columns:
                 names = [parameter.name for parameter in effect.parameters(self.robot, column.owner)]
                 out[:, index] = values[column.owner][:, names.index(column.name.rsplit(".", 1)[1])]

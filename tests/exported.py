@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.effect_spec import expanded, terms_of
-from pumaid.effects import catalogue
+from pumaid.effects import Samples, catalogue
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.kinematics import placement
 from pumaid.model import Model, loads
 from pumaid.robot import EffectChoice, Joint, Robot
-from pumaid.samples import Samples
 from pumaid.simulation.random_robot import draw
 from tests.worlds import CRANE, arm, random_arm
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pumaid.effects import Samples
 from pumaid.effects.gravity import Gravity
 from pumaid.io.urdf import UrdfRecipe
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 
 
 class Stated(NamedTuple):

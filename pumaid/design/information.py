@@ -7,11 +7,10 @@ import numpy as np
 from scipy import sparse
 
 from pumaid.design.candidate_runs import Block
-from pumaid.effects import catalogue
+from pumaid.effects import Samples, catalogue
 from pumaid.maths import Counts, Floats
 from pumaid.model import Structure
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.trajectory import Motion, Plan, cruise, duration
 

@@ -13,14 +13,12 @@ from scipy import fft, special
 
 from pumaid.dataset import Dataset
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Scope, catalogue
-from pumaid.effects.base import NO_SHAPE, Family, Parameter, Shape
+from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import NoiseModel
 from pumaid.joint_bins import JointBins, extent
 from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
-from pumaid.samples import Extent, Samples
 
 #: Effect and joint (from 1; None: the whole arm).
 Key = tuple[str, int | None]

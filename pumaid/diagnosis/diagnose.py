@@ -33,7 +33,7 @@ from pumaid.diagnosis.records import (
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
 from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
-from pumaid.effects import Family, catalogue
+from pumaid.effects import Family, Samples, catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import misfit_at
@@ -45,7 +45,6 @@ from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 from pumaid.units import number
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.

@@ -16,7 +16,7 @@ from pumaid.diagnosis.candidates import Suspect, grid_of
 from pumaid.diagnosis.records import Finding
 from pumaid.diagnosis.score_test import ScoreTest, refine_shape, scores_at
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
-from pumaid.effect_spec import EffectTerm, at_one_joint, columns_each, known_effect, option_text
+from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect, option_text
 from pumaid.effects import Scope, Trace, catalogue
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
@@ -330,7 +330,8 @@ def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bo
     if is_ahead and "time" in terms[0].shape:  # what changed at an instant that has passed stays changed
         long = np.full(len(samples), np.inf)
         samples = replace(samples, time=long, elapsed=long)
-    return row.noise.whiten(row.bins, columns_each(terms, fit.model.robot, samples))
+    columns = np.hstack([term.linear(fit.model.robot, samples) for term in terms])
+    return row.noise.whiten(row.bins, columns)
 
 
 def _best_set(

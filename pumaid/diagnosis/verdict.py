@@ -22,12 +22,11 @@ from pumaid.diagnosis.score_test import (
 )
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, WORTH, evidence, rmse
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Family, Scope, catalogue
+from pumaid.effects import Effect, Family, Samples, Scope, catalogue
 from pumaid.estimation.fit import Fit, Projector
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Floats
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 
 #: Variable -> its unit (``{unit}`` is rad or m), and knots of a free function over its span: a bump of an eighth of the
 #: span is still seen.

@@ -7,10 +7,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace
+from pumaid.effects.base import NO_SHAPE, Effect, Extent, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.effects.formula import Loads, Samples
 from pumaid.effects.plugins import effect_in, from_file
 
-__all__ = ["Effect", "Family", "Parameter", "Scope", "Shape", "Trace", "catalogue", "include"]
+__all__ = [
+    "NO_SHAPE",
+    "Effect",
+    "Extent",
+    "Family",
+    "Loads",
+    "Parameter",
+    "Samples",
+    "Scope",
+    "Shape",
+    "Trace",
+    "catalogue",
+    "include",
+    "load_refusal",
+]
 
 #: Modules of this folder that hold no effect.
 SHARED = ("base", "formula", "plugins")

@@ -1,7 +1,9 @@
 """The contract of a physical effect: what one file under ``effects/`` states."""
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
@@ -9,10 +11,9 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from pumaid.effects.formula import OF_LOADS, columns, names_in, printed
+from pumaid.effects.formula import OF_LOADS, Samples, columns, names_in, printed
 from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Extent, Samples
 
 NO_SHAPE: Mapping[str, float] = {}
 
@@ -88,7 +89,8 @@ TRACES = {
 class Parameter:
     """One linear parameter: name as in ``effect.jN.name``, unit (``{unit}`` stands for rad or m), meaning, an example.
 
-    `symbol` is the paper's short name with ``{n}`` for the joint's number; `low` and `high` bound what is physical.
+    `symbol` is the paper's short name with ``{n}`` for the joint's number; `low` and `high` bound what is physical, and
+    `sign` is the one that it has if it is this physics: +1, -1, or 0 where either is possible.
     """
 
     name: str
@@ -98,13 +100,31 @@ class Parameter:
     example: float = 0.0
     low: float = -math.inf
     high: float = math.inf
+    sign: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What the runs of one joint (for an effect of the whole arm: of all) cover: where a shape can be looked for."""
+
+    joint: int | None  # from 1; None for the whole arm
+    speeds: tuple[float, ...]  # distinct speeds, rising, rad/s or m/s
+    position: tuple[float, float]  # lowest and highest of the moving joint, rad or m
+    finest: float  # shortest wavelength that the bins can show, rad or m
+    travel: float  # longest run, rad or m
+    starts: tuple[float, ...]  # s since the joint's first motion, of every run, rising
+    duration: float  # s from the first motion to the end of the last
+    current: float  # largest absolute current that the model predicts, A
+    postures: int  # distinct sets of held positions
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
     """One nonlinear parameter: name as in ``EFFECT@JOINT:name=value``, unit, meaning, bounds, an example.
 
-    `is_searched` says whether it is refined off the grid (not whole numbers, nor instants between two runs).
+    `is_searched` says whether it is refined off the grid (not whole numbers, nor instants between two runs). A search
+    begins at `starts`, which are shares of the quantity `of` an `Extent` where that is named. Where they are not
+    stated, the shape is a time constant, or an instant between two runs where it is not searched.
     """
 
     name: str
@@ -114,6 +134,16 @@ class Shape:
     high: float
     example: float
     is_searched: bool = True
+    starts: tuple[float, ...] = ()
+    of: str = ""
+
+    def starts_in(self, extent: Extent) -> tuple[float, ...]:
+        """Values at which a search begins in runs that cover `extent`, within the bounds."""
+        if not self.starts and not self.is_searched:
+            return _instants(extent)
+        shares, of = (self.starts, self.of) if self.starts else (TIME_CONSTANTS, "duration")
+        unit = getattr(extent, of) if of else 1.0
+        return tuple(min(max(share * unit, self.low), self.high) for share in shares)
 
 
 #: Parameters or shapes.
@@ -139,8 +169,8 @@ class Effect:
     'square qd v'
     """
 
-    #: A line for people, and the paper or book that states the law.
-    title: ClassVar[str]
+    #: A line for people, that at the head of the file where it is not stated, and who states the law.
+    title: ClassVar[str] = ""
     source: ClassVar[str]
     #: The current, in the terms of `pumaid.effects.formula`: columns, exports and documents are made from it. Empty
     #: where `columns` says it in code; `equation` is what documents print, made from it where it is not stated.
@@ -160,8 +190,6 @@ class Effect:
     #: `parameters` and `shapes`.
     linear: ClassVar[tuple[Parameter, ...]] = ()
     nonlinear: ClassVar[tuple[Shape, ...]] = ()
-    #: Sign that each linear parameter has if it is this physics: +1, -1, or 0 where either is possible; () for all 0.
-    sign: ClassVar[tuple[int, ...]] = ()
     #: Why it cannot act at a joint that slides, and whether only where gravity loads the joint.
     not_sliding: ClassVar[str] = ""
     only_loaded: ClassVar[bool] = False
@@ -180,6 +208,8 @@ class Effect:
 
     def __init_subclass__(cls) -> None:
         names = names_in(cls.formula) if cls.formula else frozenset[str]()
+        head = (sys.modules[cls.__module__].__doc__ or "").strip().partition("\n")[0]
+        cls.title = cls.title or head.removesuffix(".")
         cls.equation, cls.trace = cls.equation or printed(cls.formula), cls.trace or TRACES.get(cls.family, ())
         cls.needs_loads = cls.needs_loads or bool(names & OF_LOADS)
         cls.opposes_motion = cls.opposes_motion or "s" in names
@@ -198,15 +228,13 @@ class Effect:
         return _in_units(self.nonlinear, robot.joint(number).position_unit if number else "rad")
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        """Values of the shape at which a search begins, given what the owner's runs cover; at least one mapping.
+        """Values of the shapes at which a search begins, given what the owner's runs cover; at least one mapping.
 
-        By default a single shape in s is an instant between two runs, or a time constant where it is searched.
+        Every combination of what the shapes say.
         """
-        if not self.nonlinear:
-            return (NO_SHAPE,)
-        constants = (min(max(share * extent.duration, 1.0), 1e6) for share in TIME_CONSTANTS)
-        times = constants if self.nonlinear[0].is_searched else _instants(extent)
-        return tuple({self.nonlinear[0].name: time} for time in times)
+        shapes = self.shapes(robot, extent.joint or 0)
+        starts = itertools.product(*(shape.starts_in(extent) for shape in shapes))
+        return tuple({shape.name: start for shape, start in zip(shapes, point, strict=True)} for point in starts)
 
     def formula_in(self, robot: Robot, number: int, joint: int) -> str:
         """The current in `joint` (from 1) that owner `number` causes; `formula` for most effects."""
@@ -226,19 +254,9 @@ class Effect:
         formula = self.formula_in(robot, owner, samples.joint)
         return columns(formula, names, shape, motion=(robot, samples, owner))
 
-    def columns_each(
-        self, robot: Robot, samples: Samples, *, number: int | None, shapes: Sequence[Mapping[str, float]]
-    ) -> list[Floats]:
-        """`columns` for each of many shapes; effects that share work between them override it."""
-        return [self.columns(robot, samples, number=number, shape=shape) for shape in shapes]
-
-    def columns_of(self, robot: Robot, samples: Samples, numbers: Sequence[int]) -> dict[int, Floats]:
-        """`columns` of each of several owners; effects that share work between them override it."""
-        return {number: self.columns(robot, samples, number=number) for number in numbers}
-
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
-        """`sign` of an effect with this shape."""
-        return self.sign
+        """Signs that the parameters have if it is this physics, with this shape; () where `parameters` says them."""
+        return tuple(parameter.sign for parameter in self.linear)
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1), or None where it can."""

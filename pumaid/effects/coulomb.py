@@ -1,6 +1,6 @@
-"""Coulomb friction: a constant current against the motion, its own in each direction."""
+"""Coulomb friction, each direction its own."""
 
-from pumaid.effects.base import Effect, Family, Parameter
+from pumaid.effects import Effect, Family, Parameter
 
 
 class Coulomb(Effect):
@@ -9,7 +9,6 @@ class Coulomb(Effect):
     Both are signed currents, as in the paper's Table I; a constant offset of the current sensor is their asymmetry.
     """
 
-    title = "Coulomb friction, each direction its own"
     formula = "plus * (s > 0) + minus * (s < 0)"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
     family = Family.DIRECTION

@@ -1,12 +1,12 @@
-"""A counterbalance cylinder: a constant force on a lever."""
+"""Counterbalance: a constant force on a lever."""
 
-from collections.abc import Mapping
+from math import pi
 
-import numpy as np
+from pumaid.effects import Effect, Family, Parameter, Shape
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
-from pumaid.robot import Robot
-from pumaid.samples import Extent
+#: Levers and angles (rad) at which a search begins.
+LEVERS = (0.2, 0.5, 0.8)
+ANGLES = tuple(k * pi / 4 for k in range(-4, 4))
 
 
 class Counterbalance(Effect):
@@ -16,7 +16,6 @@ class Counterbalance(Effect):
     cylinder and lever are in line, a the force times the lever, as current. length and 1/length give the same curve.
     """
 
-    title = "Counterbalance: a constant force on a lever"
     formula = "a * sin(q - angle) / sqrt(1 + length ** 2 - 2 * length * cos(q - angle))"
     source = (
         "A. Klimchik, Y. Wu, C. Dumas, S. Caro, B. Furet and A. Pashkevich, Identification of geometrical and"
@@ -28,10 +27,7 @@ class Counterbalance(Effect):
     look_alikes = ("spring", "tilt", "ripple", "flexibility")
     linear = (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)
     nonlinear = (
-        Shape("length", "1", "lever over the distance of the foot from the axis", 0.02, 0.98, 0.4),
-        Shape("angle", "rad", "position at which cylinder and lever are in line", -np.pi, np.pi, 0.5),
+        Shape("length", "1", "lever over the distance of the foot from the axis", 0.02, 0.98, 0.4, starts=LEVERS),
+        Shape("angle", "rad", "position at which cylinder and lever are in line", -pi, pi, 0.5, starts=ANGLES),
     )
     not_sliding = "a constant force along it is part of its Coulomb friction"
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"length": c, "angle": k * np.pi / 4} for c in (0.2, 0.5, 0.8) for k in range(-4, 4))

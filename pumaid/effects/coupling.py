@@ -1,10 +1,9 @@
-"""A gear coupling: one joint's load also hangs on another joint's motor."""
+"""Gear coupling: a joint's load on another's motor."""
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import Effect, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.effects import Effect, Extent, Family, Parameter, Scope, Shape, Trace, load_refusal
 from pumaid.robot import Robot
-from pumaid.samples import Extent
 
 
 class Coupling(Effect):
@@ -15,7 +14,6 @@ class Coupling(Effect):
     ampere of m's own motor; where m's load is not known the column is zero.
     """
 
-    title = "Gear coupling: a joint's load on another's motor"
     formula = "c * load_owner * (joint == on)"
     source = (
         "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators,"

@@ -1,6 +1,6 @@
-"""Position and current that are not stamped at the same instant."""
+"""Current logged later than position."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects import Effect, Family, Parameter, Trace
 
 
 class Delay(Effect):
@@ -11,7 +11,6 @@ class Delay(Effect):
     is a position that lags behind the current.
     """
 
-    title = "Current logged later than position"
     formula = "-dt * qd * slope_owner"
     left_out = "it is of the log's clocks, not of the arm"
     source = (

@@ -1,6 +1,6 @@
-"""A drive that gives way under the load, so that the link hangs lower than its sensor says."""
+"""Flexible drive: the link sags under its load."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Scope, Trace
+from pumaid.effects import Effect, Family, Parameter, Scope, Trace
 
 
 class Flexibility(Effect):
@@ -12,7 +12,6 @@ class Flexibility(Effect):
     load by m's position.
     """
 
-    title = "Flexible drive: the link sags under its load"
     formula = "-c * slope_owner * load_owner"
     source = (
         "M. W. Spong, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and Control"

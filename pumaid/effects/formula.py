@@ -1,4 +1,4 @@
-"""Formulas of effects: one text from which columns, exports and documents are made.
+"""What an effect sees of a motion, and its formula: one text from which columns, exports and documents are made.
 
 A formula is Python arithmetic with ``sin cos exp sqrt abs sign max`` and comparisons, linear in the effect's
 parameters. Parameters and shapes stand in it by their own names. Of the joint whose current it is:
@@ -10,21 +10,23 @@ parameters. Parameters and shapes stand in it by their own names. Of the joint w
 - ``load`` gravity's current by the paper's model, ``drawn`` that and Coulomb and viscous friction;
 - ``tilt_x``, ``tilt_y`` the derivative of ``load`` by a turn of the base, ``across`` gravity's moment across the axis;
 - ``load_owner``, ``slope_owner`` the load of the joint that owns the parameters, the derivative of ``load`` by its
-  position.
+  position;
+- ``gamma_p``, ``gamma_x``, ``gamma_y``, ``gamma_z`` what a unit of mass at the origin of the last link's frame draws,
+  and a unit of first moment along its axes, times the gain of the last joint.
 """
 
 import ast
 import re
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from dataclasses import dataclass, field, fields
+from functools import lru_cache, partial
 from types import CodeType
 from typing import Any
 
 import numpy as np
 
 from pumaid.maths import Floats
-from pumaid.robot import Robot
-from pumaid.samples import Loads, Samples
+from pumaid.robot import Joint, Robot
 
 #: degC that a joint has where its temperature was not measured; it only shifts Coulomb friction.
 REFERENCE = 25.0
@@ -36,8 +38,58 @@ FUNCTIONS = {
 
 #: Quantities made from the loads that a fit gives; and those that a posture and velocities determine, so that an
 #: exported model can have them.
-OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner"})
+GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
+OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner", *GAMMAS})
 OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "joint"}
+
+
+_empty = partial(np.zeros, 0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Loads:
+    """What the model fitted so far says at M instants of joint i in motion; all in A of the motor named.
+
+    `tilts` are, of a joint whose ratio to those beyond it is not known, in the gain of the next joint outward whose is.
+    """
+
+    moving: Floats  # (M,) gravity's current in joint i
+    by_joint: Floats  # (M, J) gravity's current in every joint k at this posture, in its own motor; NaN where not known
+    slopes: Floats  # (M, J) A/rad or A/m: derivative of `moving` by each joint's position
+    tilts: Floats  # (M, 2) A/rad: derivative of `moving` by a turn of the base about the base frame's x and y
+    # (M,) size of gravity's moment across joint i's axis, as the current that it would draw if it lay along it, in the
+    # gain of `tilts`; zero for a prismatic joint
+    across: Floats
+    drawn: Floats  # (M,) the model's whole prediction in joint i
+    gains: Floats  # (J,) eta_i / eta_k: joint k's current times this is joint i's; NaN where not known
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Samples:
+    """M instants of joint `joint` (from 1) in motion."""
+
+    joint: int
+    position: Floats  # (M, J) rad or m
+    velocity: Floats  # (M, J) rad/s or m/s
+    acceleration: Floats = field(default_factory=_empty)  # (M,) rad/s2 or m/s2 of the moving joint
+    # (M,) +1 or -1: sign of the motion that the run is in (not of a noisy velocity)
+    direction: Floats = field(default_factory=_empty)
+    time: Floats = field(default_factory=_empty)  # (M,) s since the joint's first motion in the campaign
+    elapsed: Floats = field(default_factory=_empty)  # (M,) s since the arm's first motion on the same clock
+    travel: Floats = field(default_factory=_empty)  # (M,) rad or m since the motion began
+    temperature: Floats = field(default_factory=_empty)  # (M,) degC, NaN where not measured
+    run: Floats = field(default_factory=_empty)  # (M,) number of the run that each instant belongs to
+    loads: Loads | None = None  # what the model so far says of gravity; none where it is not known yet
+    # (M, E) columns of the logs that the user suspects, in the logs' own units; none where not asked for
+    extra: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def series(self) -> dict[str, Any]:
+        """The arrays that have a value an instant, by name; those that are not given left out."""
+        named = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in ("joint", "loads")}
+        return {name: values for name, values in named.items() if values is not None and len(values) == len(self)}
 
 
 def loads_of(samples: Samples) -> Loads:
@@ -49,6 +101,28 @@ def loads_of(samples: Samples) -> Loads:
 def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
     loads = loads_of(samples)
     return loads.moving if owner == samples.joint else np.nan_to_num(loads.by_joint[:, owner - 1])
+
+
+@lru_cache(maxsize=1)  # asked again for every quantity, and every instant at which a payload may have come
+def _unit_body(joints: tuple[Joint, ...], gravity: tuple[float, ...], samples: Samples) -> Floats:
+    """(M, 4) A that a unit of mass at the last link's origin draws, and a unit of first moment along each of its axes.
+
+    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass. Zero
+    where the ratio of gains to the last joint is not known.
+    """
+    i, g = samples.joint - 1, np.asarray(gravity, dtype=float)
+    frames, places = Robot("", joints).frames(samples.position)
+    z_i, last = frames[:, i, :, 2], frames[:, -1]
+    if joints[i].is_revolute:
+        levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
+        felt = np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
+    else:
+        felt = np.column_stack([-(z_i @ g), np.zeros((len(samples), 3))])
+    return np.asarray(felt * np.nan_to_num(loads_of(samples).gains[-1]))
+
+
+def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
+    return _unit_body(tuple(robot.joints), tuple(robot.gravity), samples)[:, part]
 
 
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
@@ -73,6 +147,7 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "tilt_y": lambda robot, samples, owner: loads_of(samples).tilts[:, 1],
     "load_owner": _load_owner,
     "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
+    **{name: partial(_gamma, part=part) for part, name in enumerate(GAMMAS)},
 }
 
 

@@ -1,6 +1,6 @@
-"""A friction that changed at one instant: a brake that drags, a bolt that was tightened, grease that was renewed."""
+"""Friction that changed at one instant."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
+from pumaid.effects import Effect, Family, Parameter, Shape
 
 
 class FrictionStep(Effect):
@@ -10,7 +10,6 @@ class FrictionStep(Effect):
     run can tell.
     """
 
-    title = "Friction that changed at one instant"
     formula = "s * a * (t > time)"
     left_out = "it came at one instant: what is written is the friction before it"
     source = (

@@ -1,13 +1,13 @@
-"""Gravity: the current that carries the links' weight."""
+"""Gravity load of the links."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope
+from pumaid.effects import NO_SHAPE, Effect, Family, Parameter, Samples, Scope
 from pumaid.maths import Floats
-from pumaid.robot import Robot
-from pumaid.samples import Samples
+from pumaid.robot import Joint, Robot
 
 #: Columns below this share of g are rounding of rotations by right angles, not levers.
 ROUNDING = 1e-13
@@ -21,7 +21,6 @@ class Gravity(Effect):
     g is gravity in base axes (m/s2), d_j the full displacement (m).
     """
 
-    title = "Gravity load of the links"
     equation = "sum over links j: k_jx (z_i x g) . x_j + k_jy (z_i x g) . y_j"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (9)-(25)"
     scope = Scope.LINK
@@ -39,23 +38,22 @@ class Gravity(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        link = number or samples.joint
-        return self.columns_of(robot, samples, (link,))[link]
+        link, moving = number or samples.joint, samples.joint
+        rotations, g = _rotations(tuple(robot.joints), samples), np.asarray(robot.gravity)
+        z_i, frame_j = rotations[:, moving - 1, :, 2], rotations[:, link - 1]
+        slides = not robot.joint(moving).is_revolute
+        if slides and link == moving:
+            out = -(z_i @ g)[:, None]
+        elif slides:
+            out = np.zeros((len(samples), len(self.parameters(robot, link))))
+        elif robot.joint(link).is_revolute:
+            out = np.einsum("mk,mkp->mp", np.cross(z_i, g), frame_j[:, :, :2])
+        else:
+            d_j = robot.displacements(samples.position)[:, link - 1]
+            out = (d_j * np.einsum("mk,mk->m", np.cross(z_i, g), frame_j[:, :, 2]))[:, None]
+        return np.where(np.abs(out) > ROUNDING * np.linalg.norm(g), out, 0.0)
 
-    def columns_of(self, robot: Robot, samples: Samples, numbers: Sequence[int]) -> dict[int, Floats]:
-        rotations, moving = robot.rotations(samples.position), samples.joint
-        z_i, g, out = rotations[:, moving - 1, :, 2], np.asarray(robot.gravity), dict[int, Floats]()
-        lever, slides = np.cross(z_i, g), not robot.joint(moving).is_revolute
-        for link in numbers:
-            frame_j = rotations[:, link - 1]
-            if slides and link == moving:
-                columns = -(z_i @ g)[:, None]
-            elif slides:
-                columns = np.zeros((len(samples), len(self.parameters(robot, link))))
-            elif robot.joint(link).is_revolute:
-                columns = np.einsum("mk,mkp->mp", lever, frame_j[:, :, :2])
-            else:
-                d_j = robot.displacements(samples.position)[:, link - 1]
-                columns = (d_j * np.einsum("mk,mk->m", lever, frame_j[:, :, 2]))[:, None]
-            out[link] = np.where(np.abs(columns) > ROUNDING * np.linalg.norm(g), columns, 0.0)
-        return out
+
+@lru_cache(maxsize=1)  # asked again for every link
+def _rotations(joints: tuple[Joint, ...], samples: Samples) -> Floats:
+    return Robot("", joints).rotations(samples.position)

@@ -1,6 +1,6 @@
-"""Inertia: the current that accelerates the moving joint."""
+"""Inertia of the moving joint."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Scope
+from pumaid.effects import Effect, Family, Parameter
 
 
 class Inertia(Effect):
@@ -9,14 +9,11 @@ class Inertia(Effect):
     J depends on how the outer joints are held; where joints accelerate, the rigid body takes its place.
     """
 
-    title = "Inertia of the moving joint"
     formula = "J * qdd"
     left_out = "it needs the acceleration"
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
-    scope = Scope.JOINT
     family = Family.MOTION
     opposes_motion = True
     seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")
-    linear = (Parameter("J", "A s2/{unit}", "current per acceleration", "J{n}", 0.02),)
-    sign = (1,)  # mass is positive
+    linear = (Parameter("J", "A s2/{unit}", "current per acceleration", "J{n}", 0.02, sign=1),)

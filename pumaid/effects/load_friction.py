@@ -1,6 +1,6 @@
-"""Friction in proportion to the load: a gear's efficiency."""
+"""Friction in proportion to the load (gear efficiency)."""
 
-from pumaid.effects.base import Effect, Family, Parameter, load_refusal
+from pumaid.effects import Effect, Family, Parameter, load_refusal
 from pumaid.robot import Robot
 
 
@@ -14,7 +14,6 @@ class LoadFriction(Effect):
     joint, both are negative and change places.
     """
 
-    title = "Friction in proportion to the load (gear efficiency)"
     formula = "s * (drive * max(s * load, 0) + back * max(-s * load, 0))"
     source = (
         "P. Hamon, M. Gautier and P. Garrec, Dynamic identification of robots with a dry friction model depending on"
@@ -23,11 +22,10 @@ class LoadFriction(Effect):
     family = Family.LOAD
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
     look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
-    linear = (
-        Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0),
-        Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0),
+    linear = (  # a load never helps the motion
+        Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0, sign=1),
+        Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0, sign=1),
     )
-    sign = (1, 1)  # a load never helps the motion
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         return load_refusal(robot, joint, must_change=True)

@@ -1,22 +1,7 @@
-"""A mass that the last link carries from some instant on."""
+"""Payload on the last link from an instant on."""
 
-from collections.abc import Mapping, Sequence
-
-import numpy as np
-
-from pumaid.effects.base import (
-    NO_SHAPE,
-    Effect,
-    Family,
-    Parameter,
-    Scope,
-    Shape,
-    load_refusal,
-)
-from pumaid.effects.formula import loads_of
-from pumaid.maths import Floats
+from pumaid.effects import Effect, Family, Parameter, Scope, Shape, load_refusal
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 
 
 class Payload(Effect):
@@ -30,8 +15,7 @@ class Payload(Effect):
     For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
     """
 
-    title = "Payload on the last link from an instant on"
-    equation = "[elapsed > time] (mass gamma_p + x gamma_x + y gamma_y + z gamma_z)"
+    formula = "(elapsed > time) * (mass * gamma_p + x * gamma_x + y * gamma_y + z * gamma_z)"
     left_out = "it came at one instant: what is written is the arm without it"
     source = (
         "W. Khalil, M. Gautier and P. Lemoine, Identification of the payload inertial parameters of industrial"
@@ -41,7 +25,6 @@ class Payload(Effect):
     family = Family.PAYLOAD
     seen_in = "the same runs with and without it"
     look_alikes = ("torque_constant_drift", "tilt")
-    needs_loads = True
     nonlinear = (Shape("time", "s", "when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
@@ -54,25 +37,6 @@ class Payload(Effect):
             Parameter("y", moment, f"first moment along y {felt}", "my", -0.003),
             Parameter("z", moment, f"first moment along z {felt}", "mz", 0.01),
         )
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return self.columns_each(robot, samples, number=number, shapes=[shape])[0]
-
-    def columns_each(
-        self, robot: Robot, samples: Samples, *, number: int | None, shapes: Sequence[Mapping[str, float]]
-    ) -> list[Floats]:
-        i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
-        frames, places = robot.frames(samples.position)
-        z_i, last = frames[:, i, :, 2], frames[:, -1]
-        if robot.joint(samples.joint).is_revolute:
-            levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
-            felt = np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
-        else:
-            felt = np.column_stack([-(z_i @ g), np.zeros((len(samples), 3))])
-        gain = float(np.nan_to_num(loads_of(samples).gains[-1]))
-        return [felt * (gain * (samples.elapsed > shape["time"]))[:, None] for shape in shapes]
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         if joint:

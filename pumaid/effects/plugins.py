@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Scope, Trace
-from pumaid.effects.formula import columns, filled
+from pumaid.effects.base import Effect, Extent, Family, Scope, Trace
+from pumaid.effects.formula import Loads, Samples, columns, filled
 from pumaid.errors import ModelError, PumaidError, Where
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Extent, Loads, Samples
 
 #: Instants of the made-up motion on which effects are tried.
 INSTANTS = 24

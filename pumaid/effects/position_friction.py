@@ -1,12 +1,11 @@
-"""Friction that varies with the joint's position."""
+"""Friction that varies with position."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
+from pumaid.effects import Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
-from pumaid.samples import Extent
 
 #: Harmonics that a search begins with.
 HARMONICS = (1, 2, 3)
@@ -19,7 +18,6 @@ class PositionFriction(Effect):
     a gear wheel on the joint's axis repeats with each turn; for a slide it is in rad/m.
     """
 
-    title = "Friction that varies with position"
     formula = "s * (cos * cos(harmonic * q) + sin * sin(harmonic * q))"
     source = (
         "B. Armstrong, Friction: experimental determination, modeling and compensation, IEEE Int. Conf. Robotics and"

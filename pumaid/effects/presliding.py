@@ -1,12 +1,11 @@
-"""Presliding: friction that builds up over the first travel after the motion begins."""
+"""Presliding: friction that builds up at the start of a motion."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
+from pumaid.effects import Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
-from pumaid.samples import Extent
 
 #: Starting lengths of the build-up.
 STARTS = 5
@@ -19,7 +18,6 @@ class Presliding(Effect):
     before the contact slides: Dahl's model with exponent 1, whose solution for one motion is this exponential.
     """
 
-    title = "Presliding: friction that builds up at the start of a motion"
     formula = "-s * a * exp(-path / travel)"
     left_out = "it depends on the travel since the motion began: what is written is friction after it"
     source = (
@@ -30,9 +28,8 @@ class Presliding(Effect):
     family = Family.START
     seen_in = "slow runs both ways, each from rest"
     look_alikes = ("inertia",)
-    linear = (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1),)
+    linear = (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1, sign=1),)
     nonlinear = (Shape("travel", "{unit}", "travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
-    sign = (1,)  # friction builds up
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         longest = max(extent.travel / 4.0, 1e-4)

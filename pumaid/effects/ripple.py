@@ -1,12 +1,11 @@
-"""Ripple: cogging of the motor, ripple of its torque, mesh of the gear."""
+"""Ripple: cogging, torque ripple, gear mesh."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
+from pumaid.effects import Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
-from pumaid.samples import Extent
 
 #: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
 PER_TURN = (1, 2, 6, 12)
@@ -26,7 +25,6 @@ class Ripple(Effect):
     where 95 % of its power is still found. The shortest wavelength is the one that the cells can show.
     """
 
-    title = "Ripple: cogging, torque ripple, gear mesh"
     formula = "cos * cos(frequency * q) + sin * sin(frequency * q)"
     source = (
         "D. C. Hanselman, Brushless Permanent-Magnet Motor Design, 2nd ed., Writers' Collective 2003 (cogging torque);"
@@ -35,7 +33,6 @@ class Ripple(Effect):
     )
     family = Family.RIPPLE
     seen_in = "slow runs over a wide span, sampled fast"
-    look_alikes = ()
     is_repeatable = True
     periodic = "frequency"
     linear = (

@@ -1,12 +1,6 @@
-"""A current that the drive, or the sensor, does not let through."""
+"""Current clipped at a limit."""
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from pumaid.effects.base import Effect, Family, Parameter, Shape
-from pumaid.robot import Robot
-from pumaid.samples import Extent
+from pumaid.effects import Effect, Family, Parameter, Shape
 
 #: Limits that a search begins with, as shares of the largest predicted current.
 SHARES = (0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985)
@@ -18,7 +12,6 @@ class Saturation(Effect):
     drawn is the model's whole prediction for the joint (A).
     """
 
-    title = "Current clipped at a limit"
     formula = "-a * sign(drawn) * max(abs(drawn) - limit, 0)"
     left_out = "the drive, or the sensor, clips by itself: what is written is the current that the motion needs"
     source = (
@@ -28,9 +21,5 @@ class Saturation(Effect):
     family = Family.CURRENT
     seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")
-    linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0),)
-    nonlinear = (Shape("limit", "A", "current above which it is clipped", 1e-4, 1000.0, 2.0),)
-    sign = (1,)  # what is clipped is missing
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"limit": float(np.clip(c * extent.current, 1e-4, 1000.0))} for c in SHARES)
+    linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0, sign=1),)
+    nonlinear = (Shape("limit", "A", "current above which it is clipped", 1e-4, 1e3, 2.0, starts=SHARES, of="current"),)

@@ -1,6 +1,6 @@
-"""Friction of bearings under the moment that bends across the axis."""
+"""Friction of bearings under a side load."""
 
-from pumaid.effects.base import Effect, Family, Parameter
+from pumaid.effects import Effect, Family, Parameter
 
 
 class SideLoadFriction(Effect):
@@ -13,7 +13,6 @@ class SideLoadFriction(Effect):
     first link under an upright waist, are left out of it.
     """
 
-    title = "Friction of bearings under a side load"
     formula = "s * mu * across"
     source = (
         "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
@@ -22,6 +21,5 @@ class SideLoadFriction(Effect):
     family = Family.LOAD
     seen_in = "runs both ways in postures in which gravity bends the joint's axis much and little"
     look_alikes = ("load_friction", "position_friction")
-    linear = (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0),)
-    sign = (1,)  # a load never helps the motion
+    linear = (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0, sign=1),)
     not_sliding = "how its guide is loaded cannot be known from its weight alone"

@@ -1,6 +1,6 @@
-"""A spring at the joint: hoses, cables, a torsion bar."""
+"""Spring: a current in proportion to position."""
 
-from pumaid.effects.base import Effect, Family, Parameter
+from pumaid.effects import Effect, Family, Parameter
 
 
 class Spring(Effect):
@@ -10,7 +10,6 @@ class Spring(Effect):
     part of it. A positive a pulls the joint back to its zero.
     """
 
-    title = "Spring: a current in proportion to position"
     formula = "a * q"
     source = (
         "Y. Wang, R. Gondokaryono, A. Munawar and G. S. Fischer, A convex optimization-based dynamic model"

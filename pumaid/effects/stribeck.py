@@ -1,12 +1,11 @@
-"""Stribeck friction: what a lubricated contact needs more at low speed than at high."""
+"""Stribeck friction: less at higher speed."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
+from pumaid.effects import Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
-from pumaid.samples import Extent
 
 #: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
 STARTS = 6
@@ -19,7 +18,6 @@ class Stribeck(Effect):
     change with speed, so a is the height of the fall. With exponent 1 the fall is Tustin's, with 2 Gaussian.
     """
 
-    title = "Stribeck friction: less at higher speed"
     formula = "s * a * exp(-(v / velocity) ** exponent)"
     source = (
         "L. C. Bo and D. Pavelescu, The friction-speed relation and its influence on the critical velocity of"
@@ -30,12 +28,11 @@ class Stribeck(Effect):
     family = Family.SPEED
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
     look_alikes = ("viscous_power", "torque_droop", "saturation")
-    linear = (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1),)
+    linear = (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1, sign=1),)
     nonlinear = (
         Shape("velocity", "{unit}/s", "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),
         Shape("exponent", "1", "how sudden the fall is", 0.5, 2.0, 1.0),
     )
-    sign = (1,)  # friction falls from rest
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]

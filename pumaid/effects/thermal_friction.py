@@ -1,6 +1,6 @@
-"""Friction that follows a measured temperature."""
+"""Friction that follows the temperature."""
 
-from pumaid.effects.base import Effect, Family, Parameter
+from pumaid.effects import Effect, Family, Parameter
 
 
 class ThermalFriction(Effect):
@@ -11,7 +11,6 @@ class ThermalFriction(Effect):
     temperature at all it cannot be seen.
     """
 
-    title = "Friction that follows the temperature"
     formula = "s * a * (temperature - 25)"
     left_out = "it follows a measured temperature: what is written is the joint at 25 degC"
     source = (

@@ -1,10 +1,9 @@
-"""A base that does not stand as the recipe says."""
+"""Base tilted against gravity."""
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import NO_SHAPE, Effect, Family, Parameter, Scope, Shape, load_refusal
+from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Scope, Shape, load_refusal
 from pumaid.robot import Robot
-from pumaid.samples import Extent
 
 #: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
 RATIOS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
@@ -19,7 +18,6 @@ class Tilt(Effect):
     the first moment of its own link, which no current shows until then and which has parameters of its own.
     """
 
-    title = "Base tilted against gravity"
     formula = "x * tilt_x + y * tilt_y"
     source = (
         "B. Siciliano, L. Sciavicco, L. Villani and G. Oriolo, Robotics: Modelling, Planning and Control, Springer"

@@ -1,6 +1,6 @@
-"""A torque constant that changes as the motor's magnets warm."""
+"""Torque constant that falls as the motor warms."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects import Effect, Family, Parameter, Shape, Trace
 
 
 class TorqueConstantDrift(Effect):
@@ -10,7 +10,6 @@ class TorqueConstantDrift(Effect):
     tenth of a percent of their flux per degree.
     """
 
-    title = "Torque constant that falls as the motor warms"
     formula = "a * (1 - exp(-t / time_constant)) * drawn"
     left_out = "it grows with time: what is written is the cold motor"
     source = (

@@ -1,6 +1,6 @@
-"""A motor that gives less torque per ampere at high current."""
+"""Motor gives less torque per ampere at high current."""
 
-from pumaid.effects.base import Effect, Family, Parameter
+from pumaid.effects import Effect, Family, Parameter
 
 
 class TorqueDroop(Effect):
@@ -11,7 +11,6 @@ class TorqueDroop(Effect):
     data.
     """
 
-    title = "Motor gives less torque per ampere at high current"
     formula = "a * drawn ** 3"
     source = (
         "T. J. E. Miller, Brushless Permanent-Magnet and Reluctance Motor Drives, Oxford University Press 1989"
@@ -20,5 +19,4 @@ class TorqueDroop(Effect):
     family = Family.CURRENT
     seen_in = "runs under much and little load, up to high currents"
     look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")
-    linear = (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01),)
-    sign = (1,)  # the motor gives less, so it needs more
+    linear = (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01, sign=1),)

@@ -1,12 +1,11 @@
-"""Viscous friction: a current proportional to velocity, its own in each direction."""
+"""Viscous friction, each direction its own."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Trace
+from pumaid.effects import Effect, Family, Parameter, Trace
 
 
 class Viscous(Effect):
     """lambda_2+ qd while the joint moves forward, lambda_2- qd while it moves back (qd signed, of the motor shaft)."""
 
-    title = "Viscous friction, each direction its own"
     formula = "(plus * (s > 0) + minus * (s < 0)) * shaft"
     source = "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems, eq. (20), Table I"
     family = Family.SPEED

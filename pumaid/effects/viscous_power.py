@@ -1,10 +1,8 @@
-"""Viscous friction that is not proportional to speed: a power of it."""
+"""Viscous friction with a power of speed."""
 
 from collections.abc import Mapping
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
-from pumaid.robot import Robot
-from pumaid.samples import Extent
+from pumaid.effects import Effect, Family, Parameter, Shape
 
 
 class ViscousPower(Effect):
@@ -14,7 +12,6 @@ class ViscousPower(Effect):
     viscous friction and so nothing new.
     """
 
-    title = "Viscous friction with a power of speed"
     formula = "s * b * v ** exponent"
     source = (
         "H. Olsson, K. J. Astrom, C. Canudas de Wit, M. Gafvert and P. Lischinsky, Friction models and friction"
@@ -24,10 +21,7 @@ class ViscousPower(Effect):
     seen_in = "runs both ways at four speeds or more, up to the fastest allowed"
     look_alikes = ("stribeck", "torque_droop", "saturation")
     linear = (Parameter("b", "A", "current at unit speed (1 rad/s or 1 m/s)", "b{n}", 0.15),)
-    nonlinear = (Shape("exponent", "1", "power of speed", 0.1, 4.0, 0.5),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"exponent": p} for p in (0.25, 0.5, 1.5, 2.0, 3.0))
+    nonlinear = (Shape("exponent", "1", "power of speed", 0.1, 4.0, 0.5, starts=(0.25, 0.5, 1.5, 2.0, 3.0)),)
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         return (1,) if shape["exponent"] < 1.0 else (0,)  # below one a negative b would pull at low speed

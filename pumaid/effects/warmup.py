@@ -1,6 +1,6 @@
-"""Warm-up: friction that fades as the joint runs itself warm."""
+"""Warm-up: friction that fades with time."""
 
-from pumaid.effects.base import Effect, Family, Parameter, Shape
+from pumaid.effects import Effect, Family, Parameter, Shape
 
 
 class Warmup(Effect):
@@ -10,7 +10,6 @@ class Warmup(Effect):
     warms, or a joint that was warm, gives a negative a.
     """
 
-    title = "Warm-up: friction that fades with time"
     formula = "s * a * exp(-t / time_constant)"
     left_out = "it fades with time: what is written is the warm joint"
     source = (
@@ -20,6 +19,5 @@ class Warmup(Effect):
     family = Family.TIME
     seen_in = "runs both ways, repeated over one long recording from a cold start"
     look_alikes = ("torque_constant_drift", "thermal_friction", "friction_step")
-    linear = (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1),)
+    linear = (Parameter("a", "A", "friction that is gone when the joint is warm", "a{n}", 0.1, sign=1),)
     nonlinear = (Shape("time_constant", "s", "time in which the excess falls to 1/e", 1.0, 1e6, 600.0),)
-    sign = (1,)  # cold grease is stiffer

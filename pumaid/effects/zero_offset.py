@@ -1,16 +1,9 @@
-"""A joint's position counts from another zero than the recipe says."""
+"""Joint's zero off by a little."""
 
 import numpy as np
 
-from pumaid.effects.base import (
-    POSTURES,
-    ROUNDING,
-    Effect,
-    Family,
-    Parameter,
-    Scope,
-    load_refusal,
-)
+from pumaid.effects import Effect, Family, Parameter, Scope, load_refusal
+from pumaid.effects.base import POSTURES, ROUNDING
 from pumaid.robot import Robot
 
 
@@ -23,7 +16,6 @@ class ZeroOffset(Effect):
     no current can show those.
     """
 
-    title = "Joint's zero off by a little"
     formula = "delta * slope_owner"
     source = (
         "B. Siciliano, L. Sciavicco, L. Villani and G. Oriolo, Robotics: Modelling, Planning and Control, Springer"

@@ -10,13 +10,13 @@ from functools import cached_property
 import numpy as np
 
 from pumaid.dataset import BLOCK
-from pumaid.effect_spec import EffectTerm, columns_each
+from pumaid.effect_spec import EffectTerm
+from pumaid.effects import Samples
 from pumaid.estimation import noise as noises
 from pumaid.estimation.noise import Levels, NoiseModel, reduced
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, pseudo_inverse
 from pumaid.model import Model, loads_at
-from pumaid.samples import Samples
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
 ABSORBED = 1e-5
@@ -381,7 +381,7 @@ class Projector:
         made, robot = dict[int, Floats](), self.solved.model.robot
         for row in self.solved.joints:
             if terms[0].touches(row.bins.joint):
-                columns = columns_each(terms, robot, self._samples[row.bins.joint])
+                columns = np.hstack([term.linear(robot, self._samples[row.bins.joint]) for term in terms])
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
 

@@ -9,7 +9,7 @@ from scipy import special
 
 from pumaid.dataset import STROKE
 from pumaid.effect_spec import Column
-from pumaid.effects import Scope
+from pumaid.effects import Samples, Scope
 from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation import reasons
@@ -19,7 +19,6 @@ from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
 from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Flags, Floats, Gains, JointSolution
-from pumaid.samples import Samples
 
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
 #: residual tells nothing, and its variance is taken from the working model.

@@ -8,8 +8,7 @@ import numpy as np
 
 from pumaid.dataset import Campaign, Run
 from pumaid.effect_spec import EffectTerm, scale_of, terms_of
-from pumaid.effects import Scope
-from pumaid.effects.base import Family, Shape
+from pumaid.effects import Extent, Family, Scope, Shape
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.fit import Fit, Projector, Refit
 from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
@@ -17,7 +16,6 @@ from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.maths import Floats
 from pumaid.model import Model
 from pumaid.robot import EffectChoice
-from pumaid.samples import Extent
 from pumaid.units import number
 
 Point = dict[str, float]

@@ -6,8 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from pumaid.effects import Trace
-from pumaid.effects.base import Family, load_refusal
+from pumaid.effects import Family, Trace, load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.fit import Fit, FitRow

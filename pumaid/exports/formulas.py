@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pumaid.effect_spec import EffectTerm, terms_of
-from pumaid.effects import catalogue
+from pumaid.effects import Samples, catalogue
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Flags, Floats
 from pumaid.model import Model, felt_ratios, loads, minimal
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 
 
 @dataclass(frozen=True, slots=True)

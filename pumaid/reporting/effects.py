@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.effects import Effect, Family, Parameter, Scope, Shape
+from pumaid.effects import Effect, Family, Loads, Parameter, Samples, Scope, Shape
 from pumaid.effects.plugins import ARM
 from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Loads, Samples
 
 #: Joints of `ARM` that stand for their kinds; neither is the first nor the last, which are special to some effects.
 TURNING, SLIDING = 5, 4

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.effects import Effect, Scope, catalogue
+from pumaid.effects import Effect, Extent, Samples, Scope, catalogue
 from pumaid.model import Model, loads
-from pumaid.samples import Extent, Samples
 from pumaid.simulation import table1
 
 ROBOT = table1.robot()

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import worlds
 
-from pumaid.effects import catalogue
+from pumaid.effects import Samples, catalogue
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Samples
 
 GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
 RATIOS = {(5, 4): 0.0139, (6, 4): -0.013, (6, 5): 0.18}

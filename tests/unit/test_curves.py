@@ -6,9 +6,7 @@ import worlds
 
 from pumaid.diagnosis.diagnose import SLOWEST, Trial, curve
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Family, Trace
-from pumaid.effects.base import Parameter, Shape
-from pumaid.samples import Samples
+from pumaid.effects import Effect, Family, Parameter, Samples, Shape, Trace
 
 
 class Falling(Effect):

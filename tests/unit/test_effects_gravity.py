@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD
 
-from pumaid.effects import catalogue
+from pumaid.effects import Samples, catalogue
 from pumaid.model import Model, loads
 from pumaid.robot import Robot
-from pumaid.samples import Samples
 from pumaid.simulation import table1
 
 mujoco = pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM
 
-from pumaid.effects import Trace, catalogue
+from pumaid.effects import Extent, Loads, Samples, Trace, catalogue
 from pumaid.robot import Joint, Robot
-from pumaid.samples import Extent, Loads, Samples
 
 COUNT = 50
 

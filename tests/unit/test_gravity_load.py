@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pumaid.effects import Samples
 from pumaid.model import Model, loads, loads_along
-from pumaid.samples import Samples
 from pumaid.simulation import table1
 from tests.worlds import STANFORD
 

@@ -24,7 +24,7 @@ PACKAGE = ROOT / "pumaid"
 FLOORS = (
     {"errors", "units"},
     {"maths", "robot", "kinematics", "rigid_body", "trajectory"},
-    {"dataset", "estimate", "samples"},
+    {"dataset", "estimate"},
     {"effects", "io"},
     {"preprocessing", "simulation"},
     {"joint_bins"},

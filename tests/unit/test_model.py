@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, run_of
 
+from pumaid.effects import Samples
 from pumaid.estimation.estimate import identify
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
-from pumaid.samples import Samples
 
 #: A name as interfaces.md has it.
 NAME = re.compile(
