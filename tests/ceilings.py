@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27449,
-    "statements": 17177,
-    "modules": 164,
+    "lines": 27361,
+    "statements": 17094,
+    "modules": 163,
     "import depth": 12,
-    "lines of tests and tools": 23352,
+    "lines of tests and tools": 23345,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
