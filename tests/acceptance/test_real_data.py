@@ -4,6 +4,7 @@ import math
 import re
 import shutil
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -117,6 +118,33 @@ def test_every_ur3e_stroke_is_half_a_turn(shoulder):
     runs = run(shoulder[0], "segment")[1]["runs"]
     assert [(entry["joint"], entry["kind"]) for entry in runs] == [(2, "stroke")] * 11
     assert [np.sign(entry["speed"]) for entry in runs] == [-1, 1] * 5 + [-1]
+    assert all(abs(np.ptp(entry["span"])) > np.radians(178) for entry in runs)
+
+
+#: Recipe -> recordings, and how many runs at constant speed each joint makes in them.
+SOUND = {
+    "ur3e": (files(real_data.UR3E), {}),
+    "kinova_gen3": (files(real_data.GEN3), dict.fromkeys(range(1, 8), 1)),
+    "pendulum2": (files(PENDULUM), {}),
+    "motor": (motor("speed_test"), {1: 2}),
+}
+
+
+@pytest.mark.parametrize("recipe", SOUND)
+def test_sound_recordings_raise_no_doubt(scratch, recipe):
+    """No refusal, gap or doubt, every sample counted; a Kinova log is one run at its speed, two joints at once none."""
+    paths, counts = SOUND[recipe]
+    code, found, errors = run(experiment(scratch / f"sound_{recipe}", recipe, paths), "segment", "--kinds", "constant")
+    # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
+    passive = {"current-frozen"} if recipe == "pendulum2" else set()
+    assert code == 0 and set(re.findall(r"^note\[(.*?)\]", errors, re.MULTILINE)) <= {"joint-at-rest"} | passive
+    assert found["samples"] == found["kept"] + sum(found["left_out"].values())
+    assert Counter(entry["joint"] for entry in found["runs"]) == counts
+    if recipe == "kinova_gen3":
+        logged = [np.median(pd.read_parquet(path)[f"Velocity{joint}"]) for joint, path in enumerate(paths, start=1)]
+        assert [entry["speed"] for entry in found["runs"]] == pytest.approx(logged, rel=0.02)
+    if recipe == "pendulum2":
+        assert found["left_out"]["several-joints"] > 0.8 * found["samples"]
 
 
 def test_ur3e_gravity_is_that_of_half_sums_and_points_where_the_published_masses_do(shoulder):

@@ -1,25 +1,19 @@
 """The segmentation against logs whose edges are known; seeds that no threshold was chosen on."""
 
-import os
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 
-from pumaid.dataset import Log
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.preprocessing.options import SegmentOptions
 from pumaid.preprocessing.segment import segment
-from pumaid.robot import Joint, Robot
 from pumaid.simulation import draw, simulate
 from pumaid.trajectory import Motion, Plan
 
 SEEDS = (20_001, 20_002)
-REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -85,47 +79,3 @@ def test_strokes_carry_inertia_where_stamps_are_whole_milliseconds(rate):
         assert [note.slug for note in notes] == ["clock-evened"] and re.search(r"are 0\.2\d* ms RMS", notes[0].text)
     found, true = np.mean(found, axis=(0, 1))[1], np.mean(true, axis=(0, 1))[1]
     assert found == pytest.approx(true, rel=0.01) and found == pytest.approx(INERTIA, rel=0.02)
-
-
-def recorded(name: str, n: int, *, position: str, current: str, time: str | None = None) -> tuple[Log, Robot, object]:
-    """A public recording: its log, an arm of so many joints, its table; times are counts where there are none."""
-    if not (REAL / name).exists():
-        pytest.skip(f"no public recordings in {REAL} (set PUMAID_REAL_DATA)")
-    import pandas as pd
-
-    table, joints = pd.read_parquet(REAL / name), range(1, n + 1)
-    instants = table[time].to_numpy(float) if time else 1e-3 * np.arange(len(table))
-    q, i = (table[[word.format(j=j, k=j - 1) for j in joints]].to_numpy(float) for word in (position, current))
-    log = Log("real", np.arange(len(table)) + 2, instants, np.unwrap(q, axis=0), None, i, None, True)
-    return log, Robot("real", tuple(Joint(j, f"j{j}", "revolute") for j in joints)), table
-
-
-@pytest.mark.realdata
-def test_ur3e_goes_in_strokes():
-    """The UR3e's shoulder makes eleven strokes of half a turn, none at constant speed."""
-    name = "ur3e-aurt/wave_currentData_100v_40a.parquet"
-    log, arm, _ = recorded(name, 6, position="actual_q_{k}", current="actual_current_{k}", time="timestamp")
-    runs = segment([log], arm).runs
-    assert [(run.kind, run.joint) for run in runs] == [("stroke", 2)] * 11
-    assert all(abs(run.span[1] - run.span[0]) > np.radians(178) for run in runs)
-
-
-@pytest.mark.realdata
-@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 7])
-def test_kinova_trapezoids_are_one_run_each(joint):
-    """Each Kinova log holds one movement at one constant speed: one run, at its speed."""
-    name = f"kinova-gen3-jointwise/joint_{joint}_trapez.parquet"
-    log, arm, table = recorded(name, 7, position="Position{j}", current="Cur{j}")
-    (run,) = segment([log], arm).runs
-    assert (run.kind, run.joint) == ("constant", joint)
-    assert run.speed == pytest.approx(np.median(table[f"Velocity{joint}"]), rel=0.02)
-
-
-@pytest.mark.realdata
-def test_motion_of_both_joints_is_left_out():
-    """The double pendulum swings both joints at once: no run at constant speed, and the reason is told."""
-    name = "dfki-double-pendulum-a0/slow_75s_20220812-061157.parquet"
-    log, arm, _ = recorded(name, 2, position="pos{j}", current="tau{j}", time="time")
-    dataset = segment([log], arm, options=SegmentOptions(kinds="constant"))
-    several = sum(reject.samples for reject in dataset.rejects if reject.reason == "several-joints")
-    assert dataset.runs == () and several > 0.8 * len(log)

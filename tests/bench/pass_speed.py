@@ -7,9 +7,7 @@ machine does only adds. Longer logs are the same files again under other names (
 """
 
 import argparse
-import datetime
 import os
-import platform
 import shutil
 import subprocess
 import sys
@@ -19,7 +17,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-import pandas as pd
+from measured import append
 
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
@@ -114,14 +112,8 @@ def main() -> None:
     options = parser.parse_args()
     line = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
-    day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    machine = {"day": day, "commit": commit, "cores": os.cpu_count(), "machine": platform.machine()}
-    table = pd.read_csv(LOG, dtype=str) if LOG.exists() else pd.DataFrame()
     with tempfile.TemporaryDirectory(prefix="pumaid-bench-") as folder:
-        for record in cases(Path(folder), options.rows, options.times):
-            table = pd.concat([table, pd.DataFrame([machine | record])])
-            table.to_csv(LOG, index=False)
-            print(", ".join(f"{name} {value}" for name, value in record.items()), flush=True)
+        append(LOG, cases(Path(folder), options.rows, options.times), commit=commit)
 
 
 if __name__ == "__main__":

@@ -1,191 +1,243 @@
 """pumaid beside figaroh, aurt and mujoco.sysid on the same logs, in one run; appended to bench/peers.csv.
 
-python tests/bench/peers.py [--rows 20000 100000 500000] [--limit 1200]
+python tests/bench/peers.py [--rows 20000 100000 500000] [--limit 1200] [--tools figaroh mujoco aurt]
 
-Each peer is installed from its package into an environment of its own. Processes run one after another. `seconds`
-leaves out the start of Python and the loading of modules, which `start-up` has; `processor` counts all threads and
-processes. A tool that does not finish a log in time is not given the longer ones.
+The virtual arm has the PUMA 560's geometry (or that of its first three joints), drawn masses, and friction that is the
+same in both directions, so that the model of each tool can describe it. Peers work in N m: they are told the motors'
+gains. Each is installed from its package into an environment of its own. Processes run one after another. `seconds`
+leaves out the start of Python and the loading of modules (aurt: the making of its symbolic model), which `start-up`
+has. A tool that does not finish a log in time is not given longer ones.
 """
 
 import argparse
-import datetime
 import json
+import math
 import os
-import platform
 import resource
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
-import peer_logs
 
-ROOT = Path(__file__).parents[2]
-TABLE = ROOT / "bench" / "peers.csv"
-DRIVERS = Path(__file__).parent / "drivers"
-#: Runs of pumaid, of which the median counts; the first, which lists the modules to load, does not.
-REPEATS = 5
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from free_motion import reach, recorded, waves
+from measured import append
+
+from pumaid import export, read_model
+from pumaid.dataset import Log
+from pumaid.exports.robot_xml import xml_name
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.write import write_log
+from pumaid.simulation.mujoco_engine import mjcf
+from pumaid.simulation.random_robot import draw
+from pumaid.simulation.session import simulate
+from pumaid.simulation.virtual_robot import Friction
+from pumaid.trajectory import Motion, Plan
+from pumaid.units import factor
+
+TABLE = Path(__file__).parents[2] / "bench" / "peers.csv"
 #: GiB of address space of a process; last letters of a failed tool's output that are kept.
 MEMORY, TAIL = 16, 200
+#: Hz, as a UR controller of the CB series logs; s of robot time that a lap over all joints takes, about.
+RATE, LAP = 125.0, 150.0
+SEED = 3
+#: Postures and speeds in which answers are compared.
+POINTS = 1000
 ALONE, TOGETHER = "one joint at a time", "all joints at once"
-#: Tool -> what pip installs, the script that runs it, its logs, and the joints of its arm. figaroh and aurt take the
-#: friction of a joint from the sign of its velocity, which says nothing where it rests: a log in which all joints move
-#: shows that they are used as they are meant to be. aurt's symbolic model of six joints is not done in half an hour.
-PEERS: dict[str, tuple[str, str, tuple[str, ...], int]] = {
-    "figaroh": ("figaroh", "run_figaroh.py", (ALONE, TOGETHER), 6),
-    "mujoco.sysid": ("mujoco[sysid]", "run_mujoco.py", (ALONE,), 6),
-    "aurt": ("aurt", "run_aurt.py", (ALONE, TOGETHER), 3),
-}
+#: Tool -> what pip installs and the joints of its arm: aurt's symbolic model of six joints is not done in half an hour.
+#: figaroh and aurt take the friction of a joint from the sign of its velocity, which says nothing where it rests: a log
+#: in which all joints move shows that they are used as they are meant to be.
+PEERS = {"figaroh": ("figaroh", 6), "mujoco": ("mujoco[sysid]", 6), "aurt": ("aurt", 3)}
+#: figaroh's unified configuration: its template for arms, everything on that its model has, and the log's rate.
+FIGAROH = """\
+robot:
+  name: arm
+  properties:
+    joints:
+      active_joints: [{names}]
+    mechanics:
+      reduction_ratios: [{ones}]
+      friction_coefficients: {{viscous: [{zeros}], static: [{zeros}]}}
+      actuator_inertias: [{zeros}]
+      joint_offsets: [{zeros}]
+    coupling: {{has_coupled_wrist: false}}
+tasks:
+  identification:
+    enabled: true
+    problem:
+      include_external_forces: false
+      use_joint_torques: true
+      model_components: {{friction: true, joint_offset: true, actuator_inertia: true}}
+    signal_processing: {{sampling_frequency: {rate}, cutoff_frequency: 50.0, filter_type: butterworth, filter_order: 4}}
+"""
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A log of so many rows of an arm with so many joints, in a folder."""
-
-    joints: int
-    kind: str
-    rows: int
-    folder: Path
-
-
-def environment(folder: Path, package: str) -> Path:
-    """Python of a new virtual environment that has a package; pip's error says why there is none."""
-    python = folder / "bin" / "python"
-    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-    subprocess.run([python, "-m", "pip", "install", "-q", package], check=True, capture_output=True, text=True)
-    return python
+def arm(path, joints):
+    """The virtual arm of so many joints (its recipe goes to `path`), its friction made the same in both directions."""
+    lines = shipped_recipes()["puma560"].read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [text for text in lines if joints > 3 or not text.startswith("  - {name: wrist")]
+    path.write_text("".join(kept), encoding="utf-8")
+    drawn = draw(read_recipe(path), SEED)
+    dry = 0.5 * (drawn.friction.coulomb_plus - drawn.friction.coulomb_minus)
+    viscous = 0.5 * (drawn.friction.viscous_plus + drawn.friction.viscous_minus)
+    return replace(drawn, friction=Friction(dry, -dry, viscous, viscous))
 
 
-def run(python: Path, driver: str, folder: Path, seconds: float) -> dict[str, Any]:
+def alone(truth, rows):
+    """The log of laps over all joints, one at a time, there and back, in postures and at speeds that are always new."""
+    rng, motions, robot = np.random.default_rng(SEED), [], truth.robot
+    for _ in range(2 * math.ceil(rows / (RATE * LAP))):
+        for joint in range(1, robot.n_joints + 1):
+            hold = tuple(rng.uniform(-1.5, 1.5, robot.n_joints).tolist())
+            speed, half = float(rng.uniform(40, 70)) * factor("deg"), float(rng.uniform(0.8, 1.6))
+            motions += [Motion(joint, hold, -way * half, way * half, speed) for way in (1, -1)]
+    plan = Plan(robot.name, tuple(motions))
+    logs = list(simulate(robot, plan, seed=SEED, truth=truth, rate=RATE, runs_per_file=10**9))
+    return Log.joined(logs).part(slice(rows))
+
+
+def together(truth, rows):
+    """The log of the kind that peers are made for: all joints move all the time (Fourier series)."""
+    rng = np.random.default_rng(SEED)
+    log = recorded(truth, waves(rng, rows / RATE, reach(truth.robot)), rng, counts=1e6)
+    log = log.part(slice(0, None, 2))  # half of its rate
+    return replace(log, velocity=np.gradient(log.position, log.time, axis=0))
+
+
+def questions(truth):
+    """Postures, in each of which one joint moves steadily, and what every joint asks there, N m."""
+    rng, n = np.random.default_rng(SEED + 1), truth.robot.n_joints
+    position, velocity = rng.uniform(-1.5, 1.5, (POINTS, n)), np.zeros((POINTS, n))
+    moving = rng.integers(0, n, POINTS)
+    velocity[np.arange(POINTS), moving] = rng.uniform(20, 70, POINTS) * factor("deg") * rng.choice([-1, 1], POINTS)
+    gravity = truth.gravity_current(position)
+    friction = np.stack([truth.friction.current(j + 1, v) for j, v in enumerate(velocity.T)], axis=1)
+    told = {"gravity": gravity / truth.gain, "whole": (gravity + friction) / truth.gain, "gain": truth.gain}
+    return {"position": position, "velocity": velocity, "moving": moving} | told
+
+
+def mdh_table(robot):
+    """The arm's geometry as aurt's file: alpha and a of a row are those after its joint, not before it."""
+    right = {0.0: "0", 90.0: "pi/2", -90.0: "-pi/2"}
+    after = [(joint.a, right[round(joint.alpha / factor("deg"), 9)]) for joint in robot.joints[1:]] + [(0.0, "0")]
+    rows = [f"{joint.d},{a},{alpha}" for joint, (a, alpha) in zip(robot.joints, after, strict=True)]
+    return "\n".join(["d,a,alpha", *rows, ""])
+
+
+def mujoco_model(truth):
+    """MJCF of the arm as a user might know it: masses a tenth too large, centres off by 2 cm, friction half."""
+    links = replace(truth.links, mass=1.1 * truth.links.mass, centre=truth.links.centre + 0.02)
+    known = truth.friction
+    friction = Friction(0.5 * known.coulomb_plus, 0.5 * known.coulomb_minus, known.viscous_plus, known.viscous_minus)
+    guess = replace(truth, links=links, friction=friction, inertia=0.5 * truth.inertia)
+    names = [f"joint{joint.number}" for joint in truth.robot.joints]
+    motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in names)
+    sensors = "".join(f'<jointpos name="{name}_position" joint="{name}"/>' for name in names)
+    parts = f"<actuator>{motors}</actuator>\n<sensor>{sensors}</sensor>\n</mujoco>"
+    ours = ' iterations="50" tolerance="1e-12"'  # of pumaid's physics; the engine's defaults are quicker
+    return mjcf(guess, step=1.0 / RATE).replace(ours, "").replace("</mujoco>", parts)
+
+
+def prepare(folder, joints, log_of, rows):
+    """All that the tools read of one log: N m in log.npz, currents in pumaid/log.csv, the arm as each is told of it."""
+    folder.mkdir()
+    truth = arm(folder / "recipe.yaml", joints)
+    log, robot = log_of(truth, rows), truth.robot
+    write_log(folder / "pumaid" / "log.csv", [log], robot)
+    columns = {"time": log.time, "position": log.position, "velocity": log.velocity}
+    np.savez(folder / "log.npz", torque=log.current / truth.gain, **columns)
+    np.savez(folder / "questions.npz", **questions(truth))
+    names = ", ".join(xml_name(joint.name) for joint in robot.joints)
+    ones, zeros = (", ".join([digit] * joints) for digit in "10")
+    (folder / "figaroh.yaml").write_text(FIGAROH.format(names=names, ones=ones, zeros=zeros, rate=RATE))
+    (folder / "arm.csv").write_text(mdh_table(robot))
+    (folder / "arm.xml").write_text(mujoco_model(truth))
+    return truth
+
+
+def run(python, tool, folder, seconds):
     """The figures of a driver's run, and how it ended (`outcome`)."""
-    record = folder / "record.json"
+    record, driver = folder / "record.json", Path(__file__).with_name("peer_drivers.py")
     record.unlink(missing_ok=True)
     variables = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     with (folder / "output.txt").open("w", encoding="utf-8") as output:
         process = subprocess.Popen(
-            [python, DRIVERS / driver, folder],
+            [python, driver, tool, folder],
             stdout=output,
             stderr=subprocess.STDOUT,
-            env=variables | {"MPLBACKEND": "agg", "PYTHONDONTWRITEBYTECODE": ""},
+            env=variables | {"MPLBACKEND": "agg"},
             start_new_session=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY * 1024**3,) * 2),
         )
         try:
-            code = process.wait(seconds)
+            process.wait(seconds)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             return {"outcome": f"not done in {seconds:g} s"}
-    if code or not record.exists():
+    if not record.exists():
         text = (folder / "output.txt").read_text(encoding="utf-8", errors="replace")
         return {"outcome": "failed: " + " ".join(text.strip()[-TAIL:].split())}
-    return {"outcome": "done", **json.loads(record.read_text(encoding="utf-8"))}
+    return {"outcome": "done", **json.loads(record.read_text(encoding="utf-8")), **errors(folder)}
 
 
-def errors(folder: Path) -> dict[str, float]:
+def errors(folder):
     """RMS errors over the truth's RMS: of gravity in all joints, and of friction in the joint that moves."""
     asked, answers = np.load(folder / "questions.npz"), np.load(folder / "answers.npz")
-    moving = np.arange(len(asked["moving"])), asked["moving"]
+    moving = np.arange(POINTS), asked["moving"]
     friction, answer = (part["whole"][moving] - part["gravity"][moving] for part in (asked, answers))
     pairs = {"gravity off": (answers["gravity"], asked["gravity"]), "friction off": (answer, friction)}
-    return {
-        name: float(np.sqrt(np.mean((value - truth) ** 2) / np.mean(truth**2)))
-        for name, (value, truth) in pairs.items()
-    }
+    return {name: float(np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2))) for name, (a, b) in pairs.items()}
 
 
-def prepare(work: Path, joints: int, sizes: list[int]) -> list[Case]:
-    """The logs of one arm in all formats, and what each tool must be told of the arm."""
-    cases = [Case(joints, TOGETHER, sizes[0], work / f"together{joints}_{sizes[0]}")]
-    cases += [Case(joints, ALONE, rows, work / f"alone{joints}_{rows}") for rows in sizes]
-    recipe, compiled = work / f"arm{joints}.yaml", work / f"aurt_model{joints}"
-    recipe.write_text(peer_logs.recipe(joints), encoding="utf-8")
-    truth = peer_logs.arm(recipe)
-    everything, questions = peer_logs.session(truth, max(sizes)), peer_logs.questions(truth)
-    compiled.mkdir()
-    (compiled / "arm.csv").write_text(peer_logs.mdh_table(truth.robot), encoding="utf-8")
-    for case in cases:
-        case.folder.mkdir()
-        rows = everything.first(case.rows) if case.kind == ALONE else peer_logs.moving_all(truth, case.rows)
-        peer_logs.write(case.folder, rows, truth)
-        np.savez(case.folder / "questions.npz", gain=np.asarray(truth.gain), **questions)
-        shutil.copy(recipe, case.folder / "recipe.yaml")
-        (case.folder / "arm.xml").write_text(peer_logs.mujoco_model(truth), encoding="utf-8")
-        (case.folder / "figaroh.yaml").write_text(peer_logs.figaroh_configuration(truth.robot), encoding="utf-8")
-        (case.folder / "aurt").symlink_to(compiled)
-    return cases
-
-
-def measure_pumaid(cases: list[Case], limit: float) -> dict[Case, dict[str, Any]]:
-    """The median of several runs on each log; the first model gives the arm's logs the URDF that figaroh reads."""
-    records = {}
-    for case in cases:
-        if case.kind == ALONE:
-            times = [run(Path(sys.executable), "run_pumaid.py", case.folder, limit) for _ in range(REPEATS + 1)][1:]
-            records[case] = sorted(times, key=lambda record: record["seconds"])[REPEATS // 2]
-    first = next(iter(records)).folder
-    urdf = peer_logs.figaroh_model(first / "recipe.yaml", first / "model.json")
-    for case in cases:
-        (case.folder / "arm.urdf").write_text(urdf, encoding="utf-8")
-    return records
-
-
-def measurements(work: Path, sizes: list[int], limit: float) -> Iterator[dict[str, Any]]:
-    """Every tool on every log, one after another."""
-    cases = {joints: prepare(work, joints, sizes) for joints in (6, 3)}
-    references = {joints: measure_pumaid(cases[joints], limit) for joints in cases}
-    for records in references.values():
-        yield from (row("pumaid", case, record, record) for case, record in records.items())
-    for tool, (package, driver, kinds, joints) in PEERS.items():
-        try:
-            python = environment(work / tool, package)
-        except subprocess.CalledProcessError as error:
-            yield {"tool": tool, "outcome": f"not installed: {(error.stderr or '').strip()[-TAIL:]}"}
+def measurements(work, sizes, limit, tools):
+    """Every tool on every log, one after another; pumaid's model of a log gives the URDF that figaroh reads."""
+    logs = [(TOGETHER, together, sizes[0]), *((ALONE, alone, rows) for rows in sizes)]
+    reference = {}
+    for joints in sorted({PEERS[tool][1] for tool in tools}, reverse=True):
+        for number, (kind, log_of, rows) in enumerate(logs):
+            folder = work / f"{joints}_{number}"
+            truth = prepare(folder, joints, log_of, rows)
+            record = reference[folder.name] = run(Path(sys.executable), "pumaid", folder, limit)
+            yield {"tool": "pumaid", "joints": joints, "log": kind, "rows": rows, **record}
+            constants = {j: float(1.0 / gain) for j, gain in enumerate(truth.gain, start=1)}
+            model = export(read_model(folder / "model.json"), truth.robot, form="urdf", torque_constants=constants)
+            (folder / "arm.urdf").write_text(model.files[".urdf"], encoding="utf-8")
+    for tool in tools:
+        package, joints = PEERS[tool]
+        python = work / tool / "bin" / "python"
+        subprocess.run([sys.executable, "-m", "venv", work / tool], check=True)
+        installed = subprocess.run([python, "-m", "pip", "install", "-q", package], capture_output=True, text=True)
+        if installed.returncode:
+            yield {"tool": tool, "outcome": f"not installed: {installed.stderr.strip()[-TAIL:]}"}
             continue
-        if tool == "aurt":
-            record = run(python, "compile_aurt.py", work / f"aurt_model{joints}", 3 * limit)
-            yield {"tool": "aurt, once for an arm", "joints": joints, **record}
-        longest = max(sizes)
-        for case in (case for case in cases[joints] if case.kind in kinds and case.rows <= longest):
-            record = run(python, driver, case.folder, limit)
-            if record["outcome"] != "done":
-                longest = case.rows
-            yield row(tool, case, record, references[joints].get(case))
+        longest = math.inf
+        for number, (kind, _, rows) in enumerate(logs):
+            if rows > longest:
+                continue
+            folder = work / f"{joints}_{number}"
+            record = run(python, tool, folder, limit)
+            if record["outcome"] == "done":
+                record["times pumaid"] = record["seconds"] / reference[folder.name]["seconds"]
+            else:
+                longest = rows
+            yield {"tool": tool, "joints": joints, "log": kind, "rows": rows, **record}
 
 
-def row(tool: str, case: Case, record: dict[str, Any], reference: dict[str, Any] | None) -> dict[str, Any]:
-    """A row of the table; `reference` is pumaid's record of the same log."""
-    out = {"tool": tool, "joints": case.joints, "log": case.kind, "rows": case.rows, **record}
-    if record["outcome"] == "done":
-        out |= errors(case.folder)
-        if reference is not None:
-            out["times pumaid"] = record["seconds"] / reference["seconds"]
-            out["its processor"] = record["processor"] / reference["processor"]
-    return out
-
-
-def main() -> None:
+def main():
     """Measure, print and append."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[20_000, 100_000, 500_000])
-    parser.add_argument("--limit", type=float, default=1200.0, help="s for each run of a peer")
+    parser.add_argument("--limit", type=float, default=1200.0, help="s for each run of a tool")
+    parser.add_argument("--tools", nargs="+", choices=list(PEERS), default=list(PEERS))
     options = parser.parse_args()
-    day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    about = {"day": day, "cores": os.cpu_count(), "machine": platform.machine()}
-    table = pd.read_csv(TABLE, dtype=str) if TABLE.exists() else pd.DataFrame()
     with tempfile.TemporaryDirectory(prefix="pumaid-peers-") as work:
-        for record in measurements(Path(work), sorted(options.rows), options.limit):
-            rounded = {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in record.items()}
-            table = pd.concat([table, pd.DataFrame([about | rounded])])
-            table.to_csv(TABLE, index=False)
-            print(", ".join(f"{name} {value}" for name, value in rounded.items()), flush=True)
+        append(TABLE, measurements(Path(work), sorted(options.rows), options.limit, options.tools))
 
 
 if __name__ == "__main__":

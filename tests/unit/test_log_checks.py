@@ -1,23 +1,18 @@
 """Logs that do not mean what the recipe says are refused or flagged, good ones are not."""
 
 import math
-import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pumaid.dataset import Log
 from pumaid.errors import LogError, Note
-from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
-from pumaid.preprocessing.options import SegmentOptions
 from pumaid.robot import Joint, LogFormat, Robot
 
-REAL = Path(os.environ.get("PUMAID_REAL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 COULOMB = np.array([0.5, -0.4, 0.15])
 
 
@@ -259,30 +254,3 @@ def test_encoders_of_few_counts_are_not_flagged(counts: int, rate: float) -> Non
         position = np.round(count * np.floor(log.position / count), places)
         found = watched(replace(log, position=position, velocity=None), arm())
         assert "position-held" not in [note.slug for note in found]
-
-
-REAL_LOGS = {
-    "ur3e-aurt/wave_currentData_100v_40a.parquet":
-        (6, "timestamp", "actual_q_{joint0}", "actual_qd_{joint0}", "actual_current_{joint0}"),
-    "kinova-gen3-jointwise": (7, "Time", "Position{joint}", "Velocity{joint}", "Cur{joint}"),
-    "dfki-double-pendulum-a0": (2, "time", "pos{joint}", "vel{joint}", "tau{joint}"),
-    "laas-odri-cogging/speed_test.parquet": (1, "Time", "Position", "Velocity", "Iq"),
-}  # fmt: skip
-
-
-@pytest.mark.realdata
-@pytest.mark.parametrize("name", REAL_LOGS)
-def test_real_logs_raise_no_doubt(name: str) -> None:
-    """Recordings of real arms, known to be sound, are read without a refusal, a gap or a doubt."""
-    if not (REAL / name).exists():
-        pytest.skip(f"{REAL / name} is not there; set PUMAID_REAL_DATA")
-    n, time, position, velocity, current = REAL_LOGS[name]
-    units = {"time": "ms"} if time == "Time" and n == 7 else {}
-    joints = tuple(Joint(k, f"j{k}", "revolute") for k in range(1, n + 1))
-    robot = Robot(name, joints, log=LogFormat(time, position, velocity, current, units=units))
-    paths = sorted((REAL / name).glob("*.parquet")) if (REAL / name).is_dir() else [REAL / name]
-    dataset = ingest(paths, robot, options=SegmentOptions(kinds="constant"))
-    assert sum(item.samples for item in (*dataset.runs, *dataset.rejects)) == sum(facts.rows for facts in dataset.files)
-    # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
-    passive = {"current-frozen"} if name.startswith("dfki") else set()
-    assert {note.slug for note in dataset.notes} <= {"joint-at-rest"} | passive
