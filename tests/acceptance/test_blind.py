@@ -11,9 +11,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
 pytest.importorskip("mujoco", reason="the arms are MuJoCo's (pip install pumaid[test])")
 
-from blind_world.case import CATALOGUE, Case, drawn
+from blind_world.case import Case, drawn
+from blind_world.effects import CATALOGUE
 from blind_world.gravity import holding
-from blind_world.hidden import Unfit, signature, sized
+from blind_world.hidden import Strokes, Unfit, signature, sized
 from blind_world.logs import write_experiment
 from blind_world.oracle import TESTS, threshold
 from blind_world.score import Session, judged
@@ -84,7 +85,7 @@ def test_every_effect_can_be_hidden(name, clean):
     world, rng = replace(clean.world, has_temperature=True), np.random.default_rng(11)
     for joint in (5, 4, 3, 2, 1, 0) * 2:
         try:
-            hidden = CATALOGUE[name](world, rng, joint)
+            hidden = CATALOGUE[name](Strokes(world, joint), rng)
             _, reached = sized(world, clean.oracle, hidden, 1.0)
         except Unfit:
             continue

@@ -87,12 +87,12 @@ class Arm:
     kind: str
     seed: int
     alpha: Floats
-    a: Floats
-    d: Floats
     theta: Floats
-    slides: NDArray[np.bool_]
     low: Floats
     high: Floats
+    slides: NDArray[np.bool_]
+    a: Floats
+    d: Floats
     speed: Floats
     mass: Floats
     centre: Floats
@@ -133,15 +133,11 @@ def draw_arm(kind: str, seed: int) -> Arm:
     gear, constant = about(common["gear"], 0.2), about(common["constant"], 0.2)
     sign = np.where(rng.random(n) < 0.25, -1.0, 1.0)
     return Arm(
-        kind=kind,
-        seed=seed,
-        alpha=np.array(common["alpha"], dtype=float),
+        *(kind, seed),
+        *(np.array(common[name], dtype=float) for name in ("alpha", "theta", "low", "high")),
+        np.array(common["slides"]),
         a=about(common["a"], 0.2),
         d=about(common["d"], 0.2),
-        theta=np.array(common["theta"], dtype=float),
-        slides=np.array(common["slides"]),
-        low=np.array(common["low"]),
-        high=np.array(common["high"]),
         speed=about(common["speed"], 0.15),
         mass=mass,
         centre=centre,
@@ -159,27 +155,24 @@ def _lay_along_links(centre: Floats, common: dict[str, tuple[float, ...]], rng: 
     for k in range(len(centre) - 1):
         alpha, a, d = common["alpha"][k + 1], common["a"][k + 1], 0.0 if common["slides"][k + 1] else common["d"][k + 1]
         centre[k] += rng.uniform(0.2, 0.6) * np.array([a, -d * np.sin(alpha), d * np.cos(alpha)])
-    for k, slides in enumerate(common["slides"]):
-        if not slides:
-            continue
+    for k in np.flatnonzero(common["slides"]):
         centre[k, 2] -= rng.uniform(0.2, 0.8) * common["reach"][k]
 
 
-def mjcf(arm: Arm, *, stiffness: Floats | None = None, damping: Floats | None = None, dry: Floats | None = None) -> str:
-    """The arm as a MuJoCo document.
+def model_of(arm: Arm, loop: tuple[Floats, Floats, Floats] | None = None) -> mujoco.MjModel:
+    """The arm in MuJoCo.
 
-    With `stiffness` and `damping` (J,) (N m/rad and N m s/rad, or N/m and N s/m) its joints get PD actuators, with
-    `dry` (J,) (N m or N) friction.
+    A `loop` gives its joints (J,) stiffness and damping of PD actuators (N m/rad and N m s/rad, or N/m and N s/m), and
+    dry friction (N m or N).
     """
-    head = (
+    parts = [
         f'<mujoco><compiler angle="radian"/><option timestep="{STEP}" integrator="implicitfast" '
         f'gravity="0 0 {-GRAVITY}"><flag contact="disable"/></option><worldbody>'
-    )
-    parts = [head]
+    ]
     for k in range(arm.n):
         s, c = np.sin(arm.alpha[k]), np.cos(arm.alpha[k])
         kind = "slide" if arm.slides[k] else "hinge"
-        loss = "" if dry is None else f' frictionloss="{dry[k]}"'
+        loss = "" if loop is None else f' frictionloss="{loop[2][k]}"'
         place, turn = f"{arm.a[k]} {-arm.d[k] * s} {arm.d[k] * c}", f"{arm.alpha[k]} 0 {arm.theta[k]}"
         parts.append(
             f'<body name="link{k + 1}" pos="{place}" euler="{turn}">'
@@ -187,19 +180,11 @@ def mjcf(arm: Arm, *, stiffness: Floats | None = None, damping: Floats | None = 
             f'<inertial pos="{_row(arm.centre[k])}" mass="{arm.mass[k]}" diaginertia="{_row(arm.inertia[k])}"/>'
         )
     parts.append("</body>" * arm.n + "</worldbody>")
-    if stiffness is not None and damping is not None:
-        rows = [
-            f'<general joint="joint{k + 1}" gainprm="{p}" biastype="affine" biasprm="0 {-p} {-v}"/>'
-            for k, (p, v) in enumerate(zip(stiffness, damping, strict=True))
-        ]
-        parts.append("<actuator>" + "".join(rows) + "</actuator>")
-    return "".join([*parts, "</mujoco>"])
+    for k, (p, v, _) in enumerate(zip(*loop, strict=True) if loop else ()):
+        motor = f'<general joint="joint{k + 1}" gainprm="{p}" biastype="affine" biasprm="0 {-p} {-v}"/>'
+        parts.append(f"<actuator>{motor}</actuator>")
+    return mujoco.MjModel.from_xml_string("".join([*parts, "</mujoco>"]))
 
 
 def _row(values: Floats) -> str:
     return " ".join(f"{value:.12g}" for value in values)
-
-
-def compiled(document: str) -> mujoco.MjModel:
-    """The document as a model."""
-    return mujoco.MjModel.from_xml_string(document)

@@ -9,16 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from blind_world.arm_effects import ARM
 from blind_world.arms import KINDS, Arm
-from blind_world.friction_effects import FRICTION
-from blind_world.hidden import Builder, Hidden, Unfit, applied, sized
+from blind_world.effects import CATALOGUE, OUTSIDE
+from blind_world.hidden import Hidden, Strokes, Unfit, applied, sized
 from blind_world.motion import motion_of
 from blind_world.oracle import Oracle
-from blind_world.outside import OUTSIDE
 from blind_world.world import State, World, draw_world, noises
 
-CATALOGUE: dict[str, Builder] = {**FRICTION, **ARM}
 SIZES, PAIR_SIZE, OUTSIDE_SIZES, THIN_SIZE = (0.7, 1.0, 1.5, 2.0, 3.0), 2.5, (3.0, 5.0), 2.0
 #: Effects of the whole arm, whichever joint they are asked for.
 WHOLE = ("tilt", "payload")
@@ -57,11 +54,6 @@ class Case:
         """Names the case in the file of results."""
         return f"{self.seed}/{self.group}/{'+'.join(self.effects) or 'none'}/{self.kind}/{self.size:g}/{self.number}"
 
-    @property
-    def is_thin(self) -> bool:
-        """Whether it has the thin design."""
-        return self.group == "thin"
-
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -96,7 +88,7 @@ def drawn(case: Case) -> Experiment:
     """The case as an experiment, or `Unfit`, with every joint's reason, where an effect cannot be seen."""
     own = zlib.crc32(case.key.encode())
     rng = np.random.default_rng([case.seed, own])
-    arm, campaign, motion = motion_of(case.kind, case.seed * ARMS + own % ARMS, is_thin=case.is_thin)
+    arm, campaign, motion = motion_of(case.kind, case.seed * ARMS + own % ARMS, is_thin=case.group == "thin")
     world = draw_world(arm, campaign, motion, rng=rng)
     if "thermal_friction" in case.effects:
         world = replace(world, has_temperature=True)
@@ -109,7 +101,7 @@ def _sized(case: Case, name: str, world: World, oracle: Oracle, rng: np.random.G
     build, reasons = {**CATALOGUE, **OUTSIDE}[name], Counter[str]()
     for joint in _joints(name, world.arm, rng):
         try:
-            hidden = build(world, rng, joint)
+            hidden = build(Strokes(world, joint), rng)
             return hidden, sized(world, oracle, hidden, case.size)[0]
         except Unfit as why:
             reasons[str(why)] += 1

@@ -1,7 +1,5 @@
 """Torques by MuJoCo: inverse dynamics, gravity under changed conditions, and gravity as linear in the links' masses."""
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +30,14 @@ def holding(model: mujoco.MjModel, position: Floats) -> Floats:
     return inverse(model, position, still, still)
 
 
-@dataclass(frozen=True, eq=False)
-class Statics:
-    """Gravity of the joint that moves, row by row (zero where none does)."""
-
-    load: Floats  # (N,) N m or N
-    across: Floats  # (N,) N m: size of gravity's moment across the joint's axis; zero for a sliding joint
-    regressor: Floats  # (N, p) load per unit of p independent link parameters (masses, kg, first moments, kg m)
-
-
-def statics(model: mujoco.MjModel, position: Floats, joint: NDArray[np.int64], *, slides: NDArray[np.bool_]) -> Statics:
-    """Gravity of the moving joint from the places of MuJoCo's bodies, by virtual work.
+def statics(
+    model: mujoco.MjModel, position: Floats, joint: NDArray[np.int64], *, slides: NDArray[np.bool_]
+) -> tuple[Floats, Floats, Floats]:
+    """Gravity of the moving joint from the places of MuJoCo's bodies, by virtual work; zero where none moves.
 
     `position` is (N, J), `joint` (N,) the moving joint from 0, -1 for none, `slides` (J,) which joints are prismatic.
+    Returns (N,) N m or N of load; (N,) N m, the size of gravity's moment across the joint's axis (zero for a sliding
+    joint); (N, p) load per unit of p independent link parameters (masses, kg, first moments, kg m).
     """
     n = len(slides)
     data = mujoco.MjData(model)
@@ -78,12 +71,8 @@ def statics(model: mujoco.MjModel, position: Floats, joint: NDArray[np.int64], *
         moment += np.cross(lever, [0.0, 0.0, -GRAVITY]) * mass[k] * (own <= k)[:, None]
     along = np.einsum("mk,mk->m", moment, axis)
     across = np.where(sliding, 0.0, np.linalg.norm(moment - along[:, None] * axis, axis=1))
-    size = len(position)
-    return Statics(
-        load=_spread(flat @ theta, rows, size),
-        across=_spread(across, rows, size),
-        regressor=_spread(flat[:, kept], rows, size),
-    )
+    load, across, regressor = (_spread(part, rows, len(position)) for part in (flat @ theta, across, flat[:, kept]))
+    return load, across, regressor
 
 
 def _spread(values: Floats, rows: NDArray[np.int64], size: int) -> Floats:

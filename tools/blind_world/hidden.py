@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from blind_world.motion import RATE
 from blind_world.oracle import Oracle, threshold
 from blind_world.world import TURNOVER, State, World
 
@@ -36,7 +38,77 @@ class Hidden:
     shape: Mapping[str, float] = field(default_factory=dict)  # what was drawn, for the record
 
 
-Builder = Callable[[World, np.random.Generator, int], Hidden]
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """A joint (from 0) of a world at the M rows of its strokes: what effects are made of."""
+
+    world: World
+    joint: int
+
+    @cached_property
+    def rows(self) -> NDArray[np.int64]:
+        """(M,)."""
+        return self.world.rows(self.joint)
+
+    @cached_property
+    def q(self) -> Floats:
+        """(M,) positions."""
+        return np.asarray(self.world.motion.position[self.rows, self.joint])
+
+    @cached_property
+    def v(self) -> Floats:
+        """(M,) velocities."""
+        return np.asarray(self.world.motion.velocity[self.rows, self.joint])
+
+    @cached_property
+    def drag(self) -> Floats:
+        """(M,) +1 or -1: the sign that friction's current has, smooth at standstill."""
+        return np.asarray(np.tanh(self.v / TURNOVER) * self.world.sign[self.joint])
+
+    @cached_property
+    def dry(self) -> float:
+        """Mean Coulomb friction, A."""
+        return float(self.world.friction.plus[self.joint] + self.world.friction.minus[self.joint]) / 2.0
+
+    @cached_property
+    def load(self) -> Floats:
+        """(M,) A: gravity's current."""
+        return np.asarray(self.world.motion.load[self.rows] * self.world.arm.gain[self.joint])
+
+    @cached_property
+    def speeds(self) -> Floats:
+        """Distinct speeds of the fitted strokes, rising."""
+        fitted = (self.world.joint_of == self.joint) & ~self.world.heldout
+        return np.unique(np.abs(self.world.speed_of[fitted]))
+
+    @cached_property
+    def clock(self) -> tuple[Floats, float]:
+        """(M,) s since the joint's first stroke, and the whole duration."""
+        t = self.rows / RATE
+        return t - t[0], float(t[-1] - t[0])
+
+    def turning(self) -> None:
+        """Refuse a sliding joint."""
+        if self.world.arm.slides[self.joint]:
+            raise Unfit("a sliding joint has none")
+
+    def loaded(self) -> None:
+        """Refuse a joint that gravity hardly loads."""
+        if np.abs(self.load).max() < 0.02:
+            raise Unfit("the joint carries no load")
+
+    def effect(
+        self, name: str, column: Floats, largest: float, *, unit: str = "A", freedoms: int = 1, **shape: float
+    ) -> Hidden:
+        """An effect that adds amplitude x column (M,) A to the joint's current."""
+
+        def change(world: World, state: State, amplitude: float) -> State:
+            return added(world, state, self.joint, amplitude * column)
+
+        return Hidden(name, self.joint, DRAG, change, largest, unit, freedoms, (self.joint,), shape)
+
+
+Builder = Callable[[Strokes, np.random.Generator], Hidden]
 
 
 def applied(world: World, effects: Sequence[tuple[Hidden, float]], base: State | None = None) -> State:
@@ -49,9 +121,8 @@ def applied(world: World, effects: Sequence[tuple[Hidden, float]], base: State |
 
 def signature(world: World, oracle: Oracle, hidden: Hidden, amplitude: float) -> dict[int, Floats]:
     """By joint: current (A) at the rows of its fitted runs that the effect alone adds."""
-    current = applied(world, [(hidden, amplitude)]).current
-    base = world.base.current
-    return {joint: (current - base)[oracle.joints[joint], joint] for joint in hidden.felt}
+    change = applied(world, [(hidden, amplitude)]).current - world.base.current
+    return {joint: change[oracle.joints[joint], joint] for joint in hidden.felt}
 
 
 def sized(world: World, oracle: Oracle, hidden: Hidden, multiple: float) -> tuple[float, float]:
@@ -80,53 +151,8 @@ def sized(world: World, oracle: Oracle, hidden: Hidden, multiple: float) -> tupl
     raise Unfit("its size does not settle")
 
 
-def plain(
-    name: str, joint: int, column: Floats, *, largest: float, unit: str = "A", freedoms: int = 1, **shape: float
-) -> Hidden:
-    """An effect that adds amplitude x column (M,) A to its joint's current at the rows of the joint's strokes."""
-
-    def change(world: World, state: State, amplitude: float) -> State:
-        return added(world, state, joint, amplitude * column)
-
-    return Hidden(name, joint, DRAG, change, largest, unit, freedoms, (joint,), shape)
-
-
 def added(world: World, state: State, joint: int, extra: Floats) -> State:
     """The state with `extra` (A) in a joint's current at the rows of its strokes."""
     current = state.current.copy()
     current[world.rows(joint), joint] += extra
     return replace(state, current=current)
-
-
-def drag(world: World, joint: int) -> Floats:
-    """(M,) +1 or -1: the sign that friction's current has at the rows of a joint's strokes, smooth at standstill."""
-    way = np.tanh(world.motion.velocity[world.rows(joint), joint] / TURNOVER)
-    return np.asarray(way * world.sign[joint])
-
-
-def dry(world: World, joint: int) -> float:
-    """Mean Coulomb friction of a joint, A."""
-    return float(world.friction.plus[joint] + world.friction.minus[joint]) / 2.0
-
-
-def load(world: World, joint: int) -> Floats:
-    """(M,) A: gravity's current at the rows of a joint's strokes."""
-    return np.asarray(world.motion.load[world.rows(joint)] * world.arm.gain[joint])
-
-
-def speeds(world: World, joint: int) -> Floats:
-    """Distinct speeds of a joint's fitted strokes, rising."""
-    own = (world.joint_of == joint) & ~world.heldout
-    return np.unique(np.abs(world.speed_of[own]))
-
-
-def turning(world: World, joint: int) -> None:
-    """Refuse a sliding joint."""
-    if world.arm.slides[joint]:
-        raise Unfit("a sliding joint has none")
-
-
-def spread(world: World, joint: int) -> tuple[float, float]:
-    """Lowest and highest position of a joint's strokes."""
-    q = world.motion.position[world.rows(joint), joint]
-    return float(q.min()), float(q.max())

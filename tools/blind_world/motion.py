@@ -11,9 +11,9 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from blind_world.arms import STEP, Arm, compiled, draw_arm, mjcf
+from blind_world.arms import STEP, Arm, draw_arm, model_of
 from blind_world.campaign import Campaign, draw_campaign, reference
-from blind_world.gravity import Statics, inverse, statics
+from blind_world.gravity import inverse, statics
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Motion:
     torque: Floats  # N m or N, by inverse dynamics, without any friction
     moving: NDArray[np.int64]  # (N,) index of the stroke that is under way, -1 between strokes
     run: NDArray[np.int64]  # (N,) the same where its speed is commanded constant and the loop has settled, else -1
-    load: Floats  # (N, ...) gravity of the moving joint, like the next two; see `gravity.Statics`
+    load: Floats  # (N, ...) gravity of the moving joint, like the next two; see `gravity.statics`
     across: Floats
     regressor: Floats
 
@@ -74,7 +74,7 @@ def _version() -> str:
 def _simulated(arm: Arm, campaign: Campaign) -> Motion:
     rng = np.random.default_rng([arm.seed, 3])
     told = reference(campaign, arm)
-    model = compiled(mjcf(arm))
+    model = model_of(arm)
     middle = told.position[:: max(1, len(told.position) // 200)]
     still = np.zeros_like(middle)
     held = inverse(model, middle, still, still)
@@ -83,7 +83,7 @@ def _simulated(arm: Arm, campaign: Campaign) -> Motion:
     pole, damped = 2 * np.pi * rng.uniform(9.0, 15.0, arm.n), rng.uniform(0.8, 1.1, arm.n)
     stiffness, damping = inertia * pole**2, 2 * damped * inertia * pole
     dry = arm.coulomb / np.abs(arm.gain) * rng.uniform(0.6, 1.0, arm.n)
-    loop = compiled(mjcf(arm, stiffness=stiffness, damping=damping, dry=dry))
+    loop = model_of(arm, (stiffness, damping, dry))
     rows = told.position[::EVERY]
     known = rng.uniform(0.9, 1.0) * inverse(model, rows, told.velocity[::EVERY], told.acceleration[::EVERY])
     known += 0.7 * dry * np.tanh(told.velocity[::EVERY] / 0.02)
@@ -96,16 +96,12 @@ def _simulated(arm: Arm, campaign: Campaign) -> Motion:
     before = np.vstack([velocity[:1], states[EVERY - 1 :: EVERY, 1 + n : 1 + 2 * n][: len(velocity) - 1]])
     after = np.vstack([states[1::EVERY, 1 + n : 1 + 2 * n], velocity[-1:]])[: len(velocity)]
     acceleration = (after - before) / (2 * STEP)
-    moving, run = (
-        _marks(len(position), told.opens, told.closes),
-        _marks(len(position), told.begins + SETTLING, told.ends - 2.0 / RATE),
-    )
+    moving = _marks(len(position), told.opens, told.closes)
+    run = _marks(len(position), told.begins + SETTLING, told.ends - 2.0 / RATE)
     joints = np.array([stroke.joint for stroke in campaign.strokes])
-    found: Statics = statics(model, position, np.where(moving >= 0, joints[moving], -1), slides=arm.slides)
     torque = inverse(model, position, velocity, acceleration)
-    return Motion(
-        position.copy(), velocity.copy(), acceleration, torque, moving, run, found.load, found.across, found.regressor
-    )
+    weight = statics(model, position, np.where(moving >= 0, joints[moving], -1), slides=arm.slides)
+    return Motion(position.copy(), velocity.copy(), acceleration, torque, moving, run, *weight)
 
 
 def _rolled(model: mujoco.MjModel, command: Floats, start: Floats) -> Floats:

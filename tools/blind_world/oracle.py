@@ -47,14 +47,8 @@ class Oracle:
         run, held = world.motion.run, world.heldout
         own = np.where(run >= 0, world.joint_of[run], -1)
         self.joints = [np.flatnonzero((own == j) & ~held[run]) for j in range(world.arm.n)]
-        self.columns = [self.base(j, rows) for j, rows in enumerate(self.joints)]
-        self.white = [self.whitened(j, self.joints[j], block) for j, block in enumerate(self.columns)]
-        gram = sum(block.T @ block for block in self.white)
-        self.scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-30))
-        values, vectors = np.linalg.eigh(gram * self.scale * self.scale[:, None])
-        good = values > RANK * values[-1]
-        #: (p, r) with root @ root.T the generalised inverse of the normal equations.
-        self.root = self.scale[:, None] * vectors[:, good] / np.sqrt(values[good])
+        self.white = [self.whitened(j, rows, self.base(j, rows)) for j, rows in enumerate(self.joints)]
+        self.root = inverse_root(np.sum([block.T @ block for block in self.white], axis=0))
 
     def base(self, joint: int, rows: NDArray[np.int64]) -> Floats:
         """(M, p) columns of the base model, A per unit, at rows in which `joint` moves."""
@@ -90,7 +84,7 @@ class Oracle:
 
     def noncentrality(self, signature: Mapping[int, Floats]) -> float:
         """Of a signature: by joint (from 0), A at the rows `joints`; joints left out feel nothing."""
-        size, along = 0.0, np.zeros(len(self.scale))
+        size, along = 0.0, np.zeros(len(self.root))
         for joint, values in signature.items():
             white = self.whitened(joint, self.joints[joint], values)
             size += float(white @ white)
@@ -107,7 +101,7 @@ class Oracle:
         All are (N, J) A; `start` are the currents of the true base model, about which it is linearised. Returns changes
         of the base parameters, and an amplitude of each signature (1 where it is as it was hidden).
         """
-        p = len(self.scale)
+        p = len(self.root)
         gram, right = np.zeros((p + len(effects),) * 2), np.zeros(p + len(effects))
         for joint, rows in enumerate(self.joints):
             known = np.column_stack([(measured - start)[rows, joint], *(one[rows, joint] for one in effects)])
@@ -115,12 +109,17 @@ class Oracle:
             block = np.column_stack([self.white[joint], white[:, 1:]])
             gram += block.T @ block
             right += block.T @ white[:, 0]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-30))
-        values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
-        good = values > RANK * values[-1]
-        root = scale[:, None] * vectors[:, good] / np.sqrt(values[good])
+        root = inverse_root(gram)
         found = root @ (root.T @ right)
         return found[:p], found[p:]
+
+
+def inverse_root(gram: Floats) -> Floats:
+    """(p, r) root, with root @ root.T the generalised inverse of normal equations (p, p)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
+    good = values > RANK * values[-1]
+    return np.asarray(scale[:, None] * vectors[:, good] / np.sqrt(values[good]))
 
 
 def _arma(block: Floats, keep: float, grain: float) -> Floats:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from blind_world.case import CATALOGUE, SIZES
-from blind_world.outside import OUTSIDE
+from blind_world.case import SIZES
+from blind_world.effects import CATALOGUE, OUTSIDE
 
 Record = dict[str, Any]
 

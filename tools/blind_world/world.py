@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from blind_world.arms import Arm, compiled, mjcf
+from blind_world.arms import Arm, model_of
 from blind_world.campaign import Campaign
 from blind_world.motion import RATE, Motion
 
@@ -84,7 +84,7 @@ class World:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """The arm in MuJoCo, without friction."""
-        return compiled(mjcf(self.arm))
+        return model_of(self.arm)
 
     def rows(self, joint: int) -> NDArray[np.int64]:
         """Rows in which a stroke of `joint` is under way."""
