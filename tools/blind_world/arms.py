@@ -133,9 +133,10 @@ def draw_arm(kind: str, seed: int) -> Arm:
     gear, constant = about(common["gear"], 0.2), about(common["constant"], 0.2)
     sign = np.where(rng.random(n) < 0.25, -1.0, 1.0)
     return Arm(
-        *(kind, seed),
-        *(np.array(common[name], dtype=float) for name in ("alpha", "theta", "low", "high")),
-        np.array(common["slides"]),
+        kind=kind,
+        seed=seed,
+        **{name: np.array(common[name], dtype=float) for name in ("alpha", "theta", "low", "high")},
+        slides=np.array(common["slides"]),
         a=about(common["a"], 0.2),
         d=about(common["d"], 0.2),
         speed=about(common["speed"], 0.15),
@@ -155,7 +156,7 @@ def _lay_along_links(centre: Floats, common: dict[str, tuple[float, ...]], rng: 
     for k in range(len(centre) - 1):
         alpha, a, d = common["alpha"][k + 1], common["a"][k + 1], 0.0 if common["slides"][k + 1] else common["d"][k + 1]
         centre[k] += rng.uniform(0.2, 0.6) * np.array([a, -d * np.sin(alpha), d * np.cos(alpha)])
-    for k in np.flatnonzero(common["slides"]):
+    for k in np.flatnonzero(common["slides"]).tolist():
         centre[k, 2] -= rng.uniform(0.2, 0.8) * common["reach"][k]
 
 
