@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 17094,
     "modules": 163,
     "import depth": 12,
-    "lines of tests and tools": 22941,
+    "lines of tests and tools": 22935,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
