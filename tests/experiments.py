@@ -33,9 +33,7 @@ def white_errors(fitted: Fit) -> dict[str, float]:
     for row in fitted.rows:
         weight = np.sqrt(row.bins.count)
         J = fitted.row(row.joint).bare * weight[:, None]
-        wide = np.zeros((len(J), len(information)))
-        wide[:, fitted.row(row.joint).acting] = J
-        information += wide.T @ wide / fitted.row(row.joint).rmse ** 2
+        information += J.T @ J / fitted.row(row.joint).rmse ** 2
     root = np.sqrt(np.diag(information))
     inverse = np.linalg.inv(information / np.outer(root, root)) / np.outer(root, root)
     return dict(zip(fitted.model.names, np.sqrt(np.diag(inverse)), strict=False))
@@ -72,8 +70,7 @@ def bound(truth: Truth, plan: Plan, rate: float) -> tuple[list[str], np.ndarray,
     fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
     rows = []
     for row in fitted.rows:
-        wide = np.zeros((len(row.bins), len(fitted.inverse)))
-        wide[:, fitted.row(row.joint).acting] = fitted.row(row.joint).bare * np.sqrt(row.bins.count)[:, None]
+        wide = fitted.row(row.joint).bare * np.sqrt(row.bins.count)[:, None]
         rows.append(wide / truth.noise.std[row.joint - 1])
     J = np.vstack(rows)
     root = np.linalg.norm(J, axis=0)

@@ -179,7 +179,7 @@ def stacked(solved: Fit, added: EffectTerm) -> tuple[np.ndarray, np.ndarray, np.
     parts = []
     for row in solved.joints:
         columns = added.linear(solved.model.robot, row.bins.samples)
-        plain = np.column_stack([row.bare @ np.eye(row.total)[row.acting], columns, row.misfit])
+        plain = np.column_stack([row.bare, columns, row.misfit])
         parts.append(whitened(row.bins, row.noise, plain))
-    whole, width = np.vstack(parts), solved.joints[0].total
+    whole, width = np.vstack(parts), len(solved.inverse)
     return whole[:, :width], whole[:, width:-1], whole[:, -1]

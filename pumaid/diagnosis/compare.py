@@ -300,12 +300,12 @@ class _Decomposition:
     def _fit(self) -> Fit:
         """What score tests ask of a fit: the residual beside what was taken out of it."""
         white = self.noise.whiten(self.bins, np.column_stack([self.basis, self.residual]))
-        numbers, slim = np.arange(self.basis.shape[1]), white[:, :-1]
-        row = FitRow(self.bins, self.noise, numbers, slim, white[:, -1], self.basis, self.residual, len(numbers))
+        jacobian = white[:, :-1]
+        row = FitRow(self.bins, self.noise, jacobian, white[:, -1], self.basis, self.residual)
         fit = SimpleNamespace(
             joints=(row,),
             row=lambda joint: row,
-            inverse=np.linalg.pinv(slim.T @ slim, hermitian=True),
+            inverse=np.linalg.pinv(jacobian.T @ jacobian, hermitian=True),
             scale=1.0,
             model=SimpleNamespace(robot=None),  # a dependence asks for no robot
             signs=lambda term: np.zeros(term.effect.width),

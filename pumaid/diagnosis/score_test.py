@@ -75,7 +75,7 @@ class ScoreTable:
         parts, inverse = [], self.solved.inverse
         for row in self.solved.joints:
             runs = len(row.bins.runs)
-            used = float(np.sum((row.slim @ inverse[np.ix_(row.acting, row.acting)]) * row.slim))
+            used = float(np.sum((row.jacobian @ inverse) * row.jacobian))
             parts.append(np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs))))
         return np.concatenate(parts)
 
@@ -392,13 +392,10 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
     for joint, runs in folds:
         row = solved.row(joint)
         bins = np.isin(row.bins.run, runs)
-        J, r, acting, weight = row.slim[bins], row.residual[bins], row.acting, row.bins.count[bins]
+        J, r, weight = row.jacobian[bins], row.residual[bins], row.bins.count[bins]
         C = white[joint][bins] if joint in white else np.zeros((len(r), len(slope)))
-        training, cross = whole.copy(), whole_cross.copy()
-        training[np.ix_(acting, acting)] -= J.T @ J
-        cross[acting] -= J.T @ C
-        inverse = _inverse(training, half)
-        move = -inverse[:, acting] @ (J.T @ r)
+        cross, inverse = whole_cross - J.T @ C, _inverse(whole - J.T @ J, half)
+        move = -inverse @ (J.T @ r)
         turned = inverse @ cross
         score = slope - C.T @ r - cross.T @ move
         remaining = gram - C.T @ C - cross.T @ turned
@@ -406,11 +403,11 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
         fitted = [_inverse(remaining[part, part], np.diag(unit[part])) @ score[part] for part in parts]
         best = int(np.argmax([score[part] @ sizes for part, sizes in zip(parts, fitted, strict=True)]))
         place, sizes = parts[best], fitted[best]
-        error, bare = r - J @ move[acting], row.bare[bins]
-        after = error - (C - J @ turned[acting])[:, place] @ sizes
-        raw = row.misfit[bins] - bare @ move[acting]
+        error, bare = r - J @ move, row.bare[bins]
+        after = error - (C - J @ turned)[:, place] @ sizes
+        raw = row.misfit[bins] - bare @ move
         drawn = plain[joint][bins, place] if joint in plain else 0.0
-        raw_after = raw - (drawn - bare @ turned[acting, place]) @ sizes
+        raw_after = raw - (drawn - bare @ turned[:, place]) @ sizes
         inside = weight @ row.bins.inside[bins]
         falls.append(float(error @ error - after @ after))
         squares += (weight @ raw**2 + inside, weight @ raw_after**2 + inside, weight.sum())
@@ -453,8 +450,8 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
             continue
         row = elsewhere(last, bins)
         drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))
-        held[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
-        sums[:, row.acting] += np.vstack([drawn, row.residual]) @ row.slim
+        held += row.jacobian.T @ row.jacobian
+        sums += np.vstack([drawn, row.residual]) @ row.jacobian
         drawn2, shared = drawn2 + float(drawn @ drawn), shared + float(drawn @ row.residual)
     training = (last.information() + held)[np.ix_(~is_effect, ~is_effect)]
     turned = np.zeros_like(sums)

@@ -121,7 +121,7 @@ def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
     turned = on.inverse @ projector.crossed(projector.whitened(plain))
     for joint, columns in plain.items():
         row = on.row(joint)
-        out[joint] = row.misfit - (columns - row.bare @ turned[row.acting]) @ trial.sizes
+        out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
     return out
 
 

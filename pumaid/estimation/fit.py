@@ -94,26 +94,16 @@ class Row:
 class FitRow:
     """One joint of a fit, bin by bin: its N bins, with loads by the fit where effects need them, and their noise.
 
-    `acting` (L,) numbers the parameters and ratios, `total` in all, that this joint feels; `slim` (N, L) is the
-    derivative of the prediction by these, `residual` (N,) what the fit leaves, both whitened; `bare` and `misfit` are
-    both in A.
+    `jacobian` (N, P) is the derivative of the prediction by every parameter and ratio, `residual` (N,) what the fit
+    leaves, both whitened; `bare` and `misfit` are the same in A.
     """
 
     bins: JointBins
     noise: NoiseModel
-    acting: Counts
-    slim: Floats
+    jacobian: Floats
     residual: Floats
     bare: Floats
     misfit: Floats
-    total: int
-
-    @property
-    def jacobian(self) -> Floats:
-        """(N, P) whitened derivative of the prediction by every parameter and ratio."""
-        out = np.zeros((len(self.slim), self.total))
-        out[:, self.acting] = self.slim
-        return out
 
     @property
     def drawn(self) -> Floats:
@@ -181,10 +171,7 @@ class Fit:
 
     def information(self) -> Floats:
         """(P, P) of all bins, without priors."""
-        total = np.zeros_like(self.inverse)
-        for row in self.joints:
-            total[np.ix_(row.acting, row.acting)] += row.slim.T @ row.slim
-        return total
+        return np.asarray(sum(row.jacobian.T @ row.jacobian for row in self.joints))
 
     @property
     def rank(self) -> int:
@@ -261,11 +248,9 @@ class Fit:
         Loads of effects that need them are those of the fit.
         """
         local = Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
-        bare = local.jacobian(self.gains, self.values)
-        acting = np.flatnonzero(bare.any(axis=0))
-        misfit = local.left(self.values, self.gains)
-        white = noise.whiten(bins, np.column_stack([bare[:, acting], misfit]))
-        return FitRow(bins, noise, acting, white[:, :-1], white[:, -1], bare[:, acting], misfit, bare.shape[1])
+        bare, misfit = local.jacobian(self.gains, self.values), local.left(self.values, self.gains)
+        white = noise.whiten(bins, np.column_stack([bare, misfit]))
+        return FitRow(bins, noise, white[:, :-1], white[:, -1], bare, misfit)
 
 
 def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
@@ -371,10 +356,7 @@ class Projector:
     @cached_property
     def base_scores(self) -> Floats:
         """(R, P) score of each run for the fit's parameters."""
-        out = np.zeros((self.total, len(self.solved.inverse)))
-        for row in self.solved.joints:
-            out[self.runs[row.bins.joint], row.acting] = row.bins.sums(row.slim * row.residual[:, None])
-        return out
+        return np.vstack([row.bins.sums(row.jacobian * row.residual[:, None]) for row in self.solved.joints])
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
         """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
@@ -392,11 +374,7 @@ class Projector:
 
     def crossed(self, white: Mapping[int, Floats]) -> Floats:
         """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
-        out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
-        for joint, columns in white.items():
-            row = self.solved.row(joint)
-            out[row.acting] += row.slim.T @ columns
-        return out
+        return np.asarray(sum(self.solved.row(joint).jacobian.T @ columns for joint, columns in white.items()))
 
     def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
         """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.

@@ -58,9 +58,9 @@ def dense(row: FitRow, frequency: float) -> tuple[np.ndarray, float]:
     """Scores of cosine and sine, and the fall of the square with both added to the fit, from dense whitening."""
     q = row.bins.samples.position[:, 0]
     waves = np.column_stack([np.cos(frequency * q), np.sin(frequency * q)])
-    whole = np.column_stack([row.bare @ np.eye(row.total)[row.acting], waves, row.misfit])
+    whole = np.column_stack([row.bare, waves, row.misfit])
     white = whitened(row.bins, row.noise, whole)
-    p = row.total
+    p = row.bare.shape[1]
     fall = left(white[:, :p], white[:, -1]) - left(white[:, :-1], white[:, -1])
     return white[:, p:-1].T @ white[:, -1], fall
 
