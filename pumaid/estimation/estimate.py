@@ -13,17 +13,9 @@ from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
-from pumaid.estimation.fit import clusters
-from pumaid.estimation.gls import Progress
-from pumaid.estimation.identifiability import (
-    FittedParameters,
-    combinations,
-    fit_covariance,
-    interval,
-    recursion_covariance,
-)
+from pumaid.estimation.gls import Progress, interval
+from pumaid.estimation.identifiability import FittedParameters, JointCoverage, reason
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
-from pumaid.estimation.reasons import JointCoverage, reason
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
 
@@ -80,12 +72,8 @@ def _estimate(
     """What a fit says of the arm's parameters; joints' figures are left out."""
     fitted, model = result.fit, result.fit.model
     assert fitted.first is not None
-    start = fitted.first.solution
-    errors = recursion_covariance(fitted.first.system, start.values, start.gains, runs=clusters(fitted.first.rows)[0])
-    parameters = of_recursion = FittedParameters.of(fitted, errors, coverage, recursive=True)
-    if not recursive:
-        errors = fit_covariance(fitted)
-        parameters = FittedParameters.of(fitted, errors, coverage)
+    of_recursion = FittedParameters.of(fitted.first, coverage)
+    parameters = of_recursion if recursive else FittedParameters.of(fitted, coverage)
     parameters = replace(parameters, profiles=_profiles(result, parameters))
     values = parameters.values()
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
@@ -95,11 +83,11 @@ def _estimate(
         values=(*values, *_shapes(result, choices, values)),
         names=model.names,
         solution=np.where(is_shape, 0.0, fitted.values),
-        covariance=errors.covariance[: len(is_shape), : len(is_shape)],
+        covariance=parameters.covariance[: len(is_shape), : len(is_shape)],
         scales=fitted.scales(),
         blind=parameters.reach()[: len(is_shape)],
         effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
-        combinations=combinations(parameters, values),
+        combinations=parameters.combinations(values),
         recursive=of_recursion.values(),
         method="recursive" if recursive else "joint",
         recipe_digest=model.robot.digest,

@@ -1,35 +1,26 @@
-"""From a fit to its parameters: value, error and interval, or the reason why the data do not determine one."""
+"""From a fit to its parameters: value, error and interval, or why the data do not determine one and what run would."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from scipy import special
 
-from pumaid.dataset import STROKE
+from pumaid.dataset import BLOCK, STROKE, Run
 from pumaid.effect_spec import Column
-from pumaid.effects import Samples, Scope
+from pumaid.effects import Family, Samples, Scope
 from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
-from pumaid.estimation import reasons
-from pumaid.estimation.fit import Fit, Row, clusters
-from pumaid.estimation.noise import freedoms
-from pumaid.estimation.reasons import NAMED, JointCoverage, Reason, reason
+from pumaid.estimation.fit import Fit, Row
+from pumaid.estimation.gls import covariance_of, interval, two_sided
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
-from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Flags, Floats, Gains, JointSolution
+from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Floats
+from pumaid.model import Model
+from pumaid.preprocessing.options import CONSTANT
+from pumaid.units import number
 
-#: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
-#: residual tells nothing, and its variance is taken from the working model.
-FITTED_ALONE = 1e-3
-#: Runs that are worked on at once: what each pulls takes some 25 kB.
-AT_ONCE = 1000
-#: Share of the largest singular value of a row's scaled normal matrix below which there is only rounding: its columns'
-#: own singular values, squared, with four digits to spare above machine precision.
-ROUNDING = 1e-12
-#: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
-FEWEST_FREEDOMS = 3.0
 #: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of
 #: comparable size, so such an interval tells something whatever the value), or when zero is outside its 99.9 %
 #: interval. Either way the load that carries it must itself be non-zero at that level: else the interval is none of a
@@ -53,179 +44,256 @@ LEANING = 0.02
 WORTH = 30.0
 #: Terms below this share of the largest are rounding.
 SHARE = 1e-9
+#: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
+ONE_SPEED = 0.02
+#: A current below this (A) is rounding, not a load.
+UNFELT = 1e-7
+#: A load of this many standard errors is felt, whatever else keeps its ratio from being known.
+SURELY_FELT = 5.0
+#: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
+LEAST_LEVER = 0.035
+
+#: Names that a reason lists at most.
+NAMED = 3
+
+MOVE_ALONE = "move the joint alone, at several speeds, both ways"
+ACCELERATE = "record motion in which several joints accelerate at once"
+LEVEL = "repeat the runs of joint {inner}, its axis level, with joint {outer} held at two or more positions"
+WITH_TOOL = "record more, and more varied, motion, with a tool or payload of 1 to 2 kg"
+TRAVEL = "let the joint travel further, in both directions"
+#: Kind -> why a parameter is not determined, and the run that would show it (None where no run would).
+REASONS: dict[str, tuple[str, str | None]] = {
+    "no runs": ("waits for logs in which its joint moves alone", MOVE_ALONE),
+    "no runs of one joint": ("waits for logs in which joint {joint} moves alone", MOVE_ALONE),
+    "together": ("only determined together with {names}", "repeat its runs in other postures and at other speeds"),
+    "not accelerated": ("no motion in these logs shows it", ACCELERATE),
+    "inertia in sums": ("these logs show it only in sums with inertias of other links", ACCELERATE),
+    "one direction": ("the joint never moves {way} in these logs", "repeat its {other} runs {way}"),
+    "one speed": (
+        "every {way} run has {speeds} {unit}, so Coulomb and viscous friction cannot be told apart, only their sum at"
+        " that speed",
+        "repeat a {way} run at {slower} {unit}",
+    ),
+    "friction and weight": (
+        "over the span and directions in which the joint travels, its friction cannot be told from its weight",
+        TRAVEL,
+    ),
+    "one load": (
+        "in these logs the joint's axis keeps one angle to gravity, so its constant load cannot be told from Coulomb"
+        " friction",
+        "repeat its runs with the joints before it turned so that its axis stands at another angle to gravity",
+    ),
+    "upright": (
+        "the joint's axis stood upright in all its runs, so it felt next to nothing of this weight",
+        "repeat its runs with the joints before it turned so that its axis lies level",
+    ),
+    "one posture": (
+        "the joints outward of it were held in one posture only, so its weight cannot be told from that of the links"
+        " outward ({names})",
+        "repeat its runs with the joints outward of it held elsewhere",
+    ),
+    "several joints": (
+        "it acts on several joints, and the recursion solves one after the other; identify without --recursive",
+        None,
+    ),
+    "confounded": ("these data could not tell it from {names}", None),
+    "at bound": ("best at its bound, {bound}", None),
+    "any value": ("these data fit nearly as well with any value of it that is physical", None),
+    "no effect": ("nothing in these runs depends on it", None),
+    "no size": ("no size of {effect} shows in these data", None),
+    "ratio, one posture": (
+        "the joints outward of joint {inner} were held in one posture only, so its own weight cannot be told from the"
+        " weight outward of it",
+        LEVEL,
+    ),
+    "ratio, light link": (
+        "link {outer} is too light to be felt by joint {inner}: its weight moves that current by about {felt} A, known"
+        " to {noise} A",
+        "repeat the runs of joint {inner} with a payload and joint {outer} held at two positions",
+    ),
+    "ratio, light link in motion": (
+        "link {outer} is too light to be felt by joint {inner}: what it asks of that current is about {felt} A, known"
+        " to {noise} A",
+        WITH_TOOL,
+    ),
+    "ratio in motion": (
+        "in this motion joint {inner}'s own load cannot be told from the load outward of it",
+        WITH_TOOL,
+    ),
+    "ratio": (
+        "in no posture of these logs can joint {inner}'s own weight be told from the weight outward of it",
+        LEVEL,
+    ),
+}
+
+#: Family of an effect -> the run that would show it better.
+MORE = {
+    Family.SPEED: "run the joint at more speeds, slow and fast ones",
+    Family.LOAD: "run the joint in postures in which it carries much and little",
+    Family.POSITION: TRAVEL,
+    Family.TORQUE: TRAVEL,
+    Family.START: "run the joint from rest, at several speeds",
+    Family.PAYLOAD: "spread repeated runs over a longer time",
+    Family.TIME: "spread repeated runs over a longer time",
+    Family.TEMPERATURE: "repeat runs with the motor cold and warm",
+    Family.GRAVITY: "repeat the runs with the other joints elsewhere",
+    Family.CURRENT: "run the joint in postures in which it draws more",
+    Family.MOTION: "run the joint with harder acceleration, and slowly",
+}
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Clustered:
-    """Covariance (p, p) clustered by run and the degrees of freedom (p,) behind each parameter's variance."""
-
-    covariance: Floats
-    freedoms: Floats
+#: The fields `reason` and `next_run` of a `Value` that is not determined.
+Reason = dict[str, Any]
 
 
-def clustered(
-    jacobian: Floats, residual: Floats, inverse: Floats, *, runs: Counts, kin: Counts | None = None
-) -> Clustered:
-    """Cluster-robust covariance with the bias-reduced correction CR2 and Satterthwaite degrees of freedom.
+def reason(kind: str, **values: object) -> Reason:
+    """An entry of `REASONS` with its values; `more`, where given, is the next run."""
+    text, next_run = REASONS[kind]
+    next_run = str(values["more"]) if "more" in values else next_run
+    return {"reason": text.format(**values), "next_run": next_run and next_run.format(**values)}
 
-    What a single run determines leaves no residual that could tell its error: there the working model's noise counts,
-    as well known as the runs that it was estimated from are many: of each run, by rising number, `kin` (R,) says with
-    which others that was, all where not given. `jacobian` (N, p) and `residual` (N,) are whitened by the working model,
-    `inverse` (p, p) is the inverse information of all runs together, `runs` (N,) the run of each equation.
 
-    Source: R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169-181; J. E. Pustejovsky and E. Tipton, J.
-    Bus. Econ. Stat. 36 (2018) 672-683.
+@dataclass(frozen=True, slots=True)
+class JointCoverage:
+    """What the runs of one joint cover: speeds by direction, sets of positions of the joints outward of it, strokes."""
+
+    runs: int
+    speeds: Mapping[int, tuple[float, ...]]
+    postures: int
+    strokes: int
+
+    @classmethod
+    def of(cls, joint: int, runs: Sequence[Run]) -> "JointCoverage":
+        """Of the runs in which `joint` (from 1) moves."""
+        moving = [run for run in runs if run.joint == joint]
+        speeds = {}
+        for sign in (1, -1):  # in a block the highest counts
+            of_blocks = [float(np.max(sign * run.bins.velocity)) for run in moving if run.kind == BLOCK]
+            of_runs = [abs(run.speed) for run in moving if run.kind != BLOCK and run.direction == sign]
+            speeds[sign] = tuple(sorted(speed for speed in (*of_blocks, *of_runs) if speed > 0.0))
+        held = np.array([run.posture[joint:] for run in moving])
+        postures = posture_groups(held, SAME_POSTURE)
+        # In a block the joints outward move, too.
+        many = any(run.kind == BLOCK for run in moving)
+        return cls(len(moving), speeds, max(len(postures), 2 * many), sum(run.kind != CONSTANT for run in moving))
+
+    def has_one_speed(self, sign: int) -> bool:
+        """Whether all runs in direction `sign` have practically one speed."""
+        speeds = self.speeds[sign]
+        return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
+
+
+def of_column(
+    model: Model, column: Column, *, coverage: Mapping[int, JointCoverage], partners: Sequence[str], lever: float = 1.0
+) -> Reason:
+    """Why `column` is not determined.
+
+    `partners` are the other parameters with which it is only determined together, `lever` the RMS of the column over
+    its joint's own runs, as a share of what it is when the axis lies level.
     """
-    # Rows of each run by rising number, zero where a run has fewer than others.
-    _, run, lengths = np.unique(runs, return_inverse=True, return_counts=True)
-    order, p = np.argsort(run, kind="stable"), len(inverse)
-    table = np.zeros((len(lengths), int(lengths.max()), p + 1))
-    place = np.arange(len(runs)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    table[run[order], place] = np.column_stack([jacobian, residual])[order]
-    scores, alone = np.zeros((len(table), p)), np.zeros((len(table), p))
-    lent, trace, squares, gram = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((p, p, p))
-    for start in range(0, len(table), AT_ONCE):
-        block = slice(start, start + AT_ONCE)
-        J, e = table[block, :, :-1], table[block, :, -1:]
-        eigenvalues, vectors = np.linalg.eigh(np.eye(J.shape[1]) - J @ inverse @ J.transpose(0, 2, 1))
-        is_alone = eigenvalues <= FITTED_ALONE
-        root = np.where(is_alone, 0.0, 1.0 / np.sqrt(np.maximum(eigenvalues, FITTED_ALONE)))
-        A = (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1)
-        scores[block] = np.sum(J * (A @ e), axis=1) @ inverse
-        # What a unit of noise does in directions that a run fits alone.
-        out = (vectors.transpose(0, 2, 1) @ J * is_alone[:, :, None]) @ inverse
-        alone[block] = np.sum(out**2, axis=1)
-        lent += np.tensordot(out, out, ((0, 1), (0, 1)))
-        a = A @ J @ inverse
-        squared, pull = np.sum(a**2, axis=1), J.transpose(0, 2, 1) @ a  # how each run's J' A J M pulls a contrast
-        turned = inverse @ pull
-        crossed = np.sum(pull * turned, axis=1)
-        trace += np.sum(squared - crossed, axis=0)
-        squares += np.sum(squared**2 - 2.0 * squared * crossed, axis=0)
-        gram += pull.transpose(2, 1, 0) @ turned.transpose(2, 0, 1)
-    squares += np.sum(gram * gram.transpose(0, 2, 1), axis=(1, 2))
-    by_residuals = trace.copy()
-    groups = np.zeros(len(table), dtype=np.int64) if kin is None else kin
-    for group in np.unique(groups):
-        borrowed = alone[groups == group].sum(axis=0)
-        trace += borrowed
-        squares += borrowed**2 / max(1, np.count_nonzero(groups == group) - 1)
-    # Where next to nothing of a variance comes from residuals, they tell nothing of how well it is known.
-    is_shown = (squares > 0) & (by_residuals > FITTED_ALONE * trace)
-    return Clustered(scores.T @ scores + lent, np.divide(trace**2, squares, out=np.zeros(p), where=is_shown))
+    if column.scope in (Scope.JOINT, Scope.LINK) and coverage[column.owner].runs == 0:
+        return reason("no runs")
+    if column.place is not None:
+        term = model.effects[column.place]
+        more = MORE.get(term.effect.family, TRAVEL)
+        if column.shape in term.held:
+            return reason("at bound", bound=number(term.shape[column.shape]), more=more)
+        if column.shape is not None or not partners:
+            return reason("no effect" if column.shape is None else "any value", more=more)
+        rest = [name for name in partners if name.split(".")[0] != column.effect]
+        return reason("confounded", names=listed(rest or partners, NAMED), more=more)
+    if column.effect in ("coulomb", "viscous"):
+        return _of_friction(model, column, coverage[column.owner], partners)
+    if column.effect != "gravity":
+        kind = "together" if 0 < len(partners) <= NAMED else "inertia in sums" if partners else "not accelerated"
+        return reason(kind, names=listed(partners, NAMED))
+    of_friction = any(name.startswith(("coulomb", "viscous")) for name in partners)
+    if not model.robot.joint(column.owner).is_revolute and of_friction:
+        return reason("one load")
+    outer = sorted(name for name in partners if name.startswith(("gravity", "gain_ratio")))
+    beyond = [name for name in outer if int(name.split(".")[1].lstrip("l")) > column.owner]
+    if lever < LEAST_LEVER or not partners:
+        return reason("upright")
+    if beyond and coverage[column.owner].postures < 2:
+        return reason("one posture", names=listed(beyond, NAMED))
+    return (
+        reason("together", names=listed(outer, NAMED)) if outer and not of_friction else reason("friction and weight")
+    )
 
 
-def completed(working: Floats, errors: Floats, poor: Flags) -> Floats:
-    """A covariance `errors` (p, p) of which the `poor` parameters (p,) are known by `working` (p, p) only.
+def _of_friction(model: Model, column: Column, covered: JointCoverage, partners: Sequence[str]) -> Reason:
+    side = column.name.rsplit(".", 1)[1]
+    sign, way, other = (1, "forward", "backward") if side == "plus" else (-1, "backward", "forward")
+    if not covered.speeds[sign]:
+        return reason("one direction", way=way, other=other)
+    joint, low, high = model.robot.joint(column.owner), covered.speeds[sign][0], covered.speeds[sign][-1]
+    pair = {f"{effect}.j{column.owner}.{side}" for effect in ("coulomb", "viscous")}
+    if pair - {column.name} <= set(partners):
+        speeds = f"practically one speed, {number(high, 2)}"
+        if not covered.has_one_speed(sign):
+            speeds = f"a speed between {number(low, 2)} and {number(high, 2)}"
+        unit, slower = f"{joint.position_unit}/s", number(high / 3.0, 2)
+        return reason("one speed", way=way, speeds=speeds, slower=slower, unit=unit)
+    return reason("friction and weight" if joint.is_revolute else "one load")
 
-    Taking the poor ones' rows and columns from the other would not do: the two together may give a sum of parameters a
-    variance below zero. The poor ones depend on the rest as by `working`, and are never surer than there.
+
+def of_ratio(
+    model: Model,
+    inner: int,
+    outer: int,
+    *,
+    coverage: Mapping[int, JointCoverage],
+    load: tuple[float, float] = (0.0, 0.0),
+) -> Reason:
+    """Why eta_inner / eta_outer (joints from 1) is not determined.
+
+    `load` is the RMS (A) of the part of joint `inner`'s current that carries the ratio, and that part's standard error
+    (A).
     """
-    good = ~poor
-    if not poor.any():
-        return errors
-    size = np.sqrt(np.maximum(np.diag(working), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
-    scaled, certain = working / np.outer(size, size), errors[np.ix_(good, good)]
-    slope = scaled[np.ix_(poor, good)] @ np.linalg.pinv(scaled[np.ix_(good, good)], rcond=1e-10, hermitian=True)
-    rest = scaled[np.ix_(poor, poor)] - slope @ scaled[np.ix_(good, poor)]
-    slope *= size[poor][:, None] / size[good]
-    whole = slope @ certain @ slope.T + rest * np.outer(size[poor], size[poor])
-    whole[np.diag_indices_from(whole)] += np.maximum(np.diag(working)[poor] - np.diag(whole), 0.0)
-    out = np.empty_like(errors)
-    out[np.ix_(good, good)], out[np.ix_(poor, poor)] = certain, 0.5 * (whole + whole.T)
-    out[np.ix_(poor, good)] = slope @ certain
-    out[np.ix_(good, poor)] = out[np.ix_(poor, good)].T
-    return out
-
-
-def interval(value: float, std_error: float, freedoms: float, *, level: float = 0.95) -> tuple[float, float]:
-    """Student's interval; the normal one where `freedoms` is infinite."""
-    half = float(special.stdtrit(freedoms, 0.5 + level / 2.0)) * std_error
-    return value - half, value + half
-
-
-def two_sided(statistic: float, freedoms: float) -> float:
-    """Probability of a Student t at least as large as |statistic|."""
-    return float(2.0 * special.stdtr(freedoms, -abs(statistic)))
-
-
-def fit_covariance(fitted: Fit) -> Clustered:
-    """Of all parameters and ratios of a fit, clustered by run."""
-    solution, inverse = fitted.solution, fitted.inverse
-    runs, kin = clusters(fitted.rows)
-    errors = clustered(solution.jacobian, solution.residual, inverse, runs=runs, kin=kin)
-    # What rests on the prior of a ratio or shape is as uncertain as the prior says: no run's residual shows that.
-    priors = inverse * fitted.prior
-    return Clustered(errors.covariance + priors @ priors.T, errors.freedoms)
-
-
-def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs: Counts) -> Clustered:
-    """Covariance of the recursion's parameters and ratios, clustered by `runs` (N,), with each one's freedoms in its
-    own row.
-
-    Row i is least squares given the outer rows' results, so an outer run moves it, too: by minus the row's own solution
-    operator times the derivative of the row's prediction by the outer results.
-    """
-    p, jacobian, residual = len(values), system.jacobian(gains, values), system.left(values, gains)
-    size = jacobian.shape[1]
-    covariance, freedoms = np.zeros((size, size)), np.zeros(size)
-    for row in reversed(range(gains.n_rows)):
-        equations = np.flatnonzero(system.row == row)
-        edges = [p + k for k, upper in enumerate(gains.uppers) if upper == row]
-        columns = np.append(np.flatnonzero(system.owners == row), edges).astype(int)
-        if len(equations) == 0 or len(columns) == 0:
-            continue
-        J = jacobian[np.ix_(equations, columns)]
-        scale = np.linalg.norm(J, axis=0)
-        back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-        unit = J * back
-        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
-        outer = np.setdiff1d(np.arange(size), columns)
-        carry = -inverse @ J.T @ jacobian[np.ix_(equations, outer)]
-        alone = clustered(J, residual[equations], inverse, runs=runs[equations])
-        crossed = carry @ covariance[np.ix_(outer, outer)]
-        covariance[np.ix_(columns, columns)] = alone.covariance + crossed @ carry.T
-        covariance[np.ix_(columns, outer)], covariance[np.ix_(outer, columns)] = crossed, crossed.T
-        freedoms[columns] = alone.freedoms
-    return Clustered(covariance, freedoms)
+    redundant = model.structure.redundant.get((inner, outer))
+    if redundant is not None:
+        return {"reason": redundant, "next_run": None}
+    for joint in (inner, outer):
+        if coverage[joint].runs == 0:
+            return reason("no runs of one joint", joint=joint)
+    (felt, noise), kind = load, "ratio"
+    if coverage[inner].postures < 2:
+        kind = "ratio" if model.is_dynamic else "ratio, one posture"
+    elif UNFELT < felt < SURELY_FELT * noise:
+        kind = "ratio, light link"
+    kind = f"{kind} in motion" if model.is_dynamic else kind
+    return reason(kind, inner=inner, outer=outer, felt=number(felt, 2), noise=number(noise, 2))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FittedParameters:
-    """A fit with the covariance that belongs to it: of all joints together or of the recursion.
+    """The parameters of a fit over all joints, or of the recursion that it began with, and what is known of them.
 
-    `solution` holds the values shown: the fit's own, or those of the recursion that it began with. `covariance` (P, P)
-    is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` says by joint (from 1) what its
-    runs cover. `absorbed` is that of `Fit`, of the recursion only; `confounded` names what the data show only
-    together with a parameter or ratio (from 0), `profiles` has profile-likelihood intervals by column.
+    `covariance` (P, P) is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` says by joint
+    (from 1) what its runs cover. `confounded` names what the data show only together with a parameter or ratio (from
+    0); `sums` (h, m) of the `effects` (m,), linear parameters of effects (from 0), the rest of the model could take
+    over whole. `profiles` has profile-likelihood intervals by column.
     """
 
     fitted: Fit
-    solution: JointSolution
     covariance: Floats
     freedoms: Floats
     coverage: Mapping[int, JointCoverage]
-    absorbed: Mapping[int, list[tuple[int, int]]] = field(default_factory=dict)
-    confounded: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    confounded: Mapping[int, tuple[str, ...]]
+    effects: Counts
+    sums: Floats
     profiles: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(
-        cls, fitted: Fit, errors: Clustered, coverage: Mapping[int, JointCoverage], *, recursive: bool = False
-    ) -> "FittedParameters":
-        """Of the fit over all joints, or of the recursion; by the working model where clusters are too few."""
-        first = fitted.first if recursive else None
-        solution = first.solution if first else fitted.solution
-        covariance = completed(solution.linear.inverse, errors.covariance, errors.freedoms < FEWEST_FREEDOMS)
-        dof = _freedoms(fitted, errors, recursive=recursive)
-        absorbed = first.absorbed if first else {}
-        partners = {} if first else confounded(fitted)[2]
-        return cls(fitted, solution, covariance, dof, coverage, absorbed=absorbed, confounded=partners)
+    def of(cls, fitted: Fit, coverage: Mapping[int, JointCoverage]) -> "FittedParameters":
+        """Of a fit, or of the recursion, `Fit.first`."""
+        covariance, dof = covariance_of(fitted)
+        names, effects, sums = confounded(fitted)
+        return cls(fitted, covariance, dof, coverage, confounded=names, effects=effects, sums=sums)
 
     def reach(self) -> Floats:
         """(P, b) undetermined directions of parameters and ratios, as long as is plausible (see `Estimate.blind`)."""
-        blind = self.solution.linear.blind
+        blind = self.fitted.solution.linear.blind
         size = np.pad(self.fitted.limit, (0, len(blind) - len(self.fitted.limit)), constant_values=LARGEST_RATIO)
         return np.asarray(size[:, None] * blind)
 
@@ -255,7 +323,7 @@ class FittedParameters:
         is_open = is_idle or partners is not None
         if column.place is not None:
             # Known hardly better than before any data, or a shape best at a bound.
-            error = float(np.sqrt(self.solution.linear.inverse[index, index]))
+            error = float(np.sqrt(self.fitted.inverse[index, index]))
             if index in self.profiles:
                 error = _error_of(self.profiles[index], self.freedoms[index])
             is_open |= column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
@@ -265,93 +333,183 @@ class FittedParameters:
             if row is not None and column.effect == "gravity":
                 square = float(np.average(row.design[:, index] ** 2, weights=row.bins.count))
                 lever = math.sqrt(square) / float(np.linalg.norm(model.robot.gravity))
-            why = reasons.of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever)
+            why = of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever)
             return _open(bare, why)
-        if self.solution is not self.fitted.solution and self.fitted.system.owners[index] < 0:
+        if self.fitted.first is None and self.fitted.system.owners[index] < 0:
             return _open(bare, reason("several joints"))
         variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
         # A shape's column holds what the fit moves the shape by.
         start = 0.0 if column.shape is None else model.effects[column.place or 0].shape[column.shape]
         ends = self.profiles.get(index)
-        return _identified(bare, self.solution.values[index] + start, variance, self.freedoms[index], ends=ends)
+        return _identified(bare, self.fitted.values[index] + start, variance, self.freedoms[index], ends=ends)
 
     def _partners(self, index: int) -> list[str] | None:
         """Names of what parameter `index` is only determined together with; None where it is determined."""
         if index in self.confounded:
             return list(self.confounded[index])
-        blind, lost = self.solution.linear.blind, self.absorbed.get(index)
+        blind, lost = self.fitted.solution.linear.blind, self.fitted.absorbed.get(index)
         # The projector on the undetermined directions does not depend on how they are chosen within their span.
         share = np.abs(blind @ blind[index])
         if share[index] <= PART_OF**2 and lost is None:
             return None
         # Ratios are measured by another limit, and must not outshine the parameters.
-        p = len(self.solution.values)
+        p = len(self.fitted.values)
         least = PART_OF * np.where(np.arange(len(share)) < p, share[:p].max(), share.max())
-        names = _names(self.fitted, self.solution.gains)
+        names = _names(self.fitted)
         together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
         return [*together, *(f"gain_ratio.{inner}.{outer}" for inner, outer in lost or [])]
 
     def _ratio(self, inner: int, outer: int) -> Value:
-        p, load = len(self.solution.values), (0.0, 0.0)
+        p, gains, load = len(self.fitted.values), self.fitted.gains, (0.0, 0.0)
         bare = Value(f"gain_ratio.{inner}.{outer}", f"eta{inner}/eta{outer}", inner, "")
-        value, gradient = ratio_gradient(self.solution.gains, inner - 1, outer - 1)
+        value, down, up = gains.ratio(inner - 1, outer - 1), gains.path(outer - 1), gains.path(inner - 1)
+        powers = np.array([(edge in down) - (edge in up) for edge in gains.edges], dtype=float)
+        rate = np.divide(powers, gains.ratios, out=np.zeros(len(powers)), where=gains.ratios != 0.0)
+        gradient = np.nan_to_num(value * rate)
         edges = [int(edge) for edge in np.flatnonzero(gradient)]
         if self.coverage[inner].runs and self.coverage[outer].runs and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
             if together:
                 return _open(bare, reason("confounded", names=listed(together, NAMED)))
             # The row that gave an edge may have taken a load for known that the recursion had left open.
-            uppers = self.solution.gains.uppers
-            beside = [k for edge in edges for k, upper in enumerate(uppers) if upper == uppers[edge]]
-            is_guess = any(not set(self.absorbed).isdisjoint(self._behind(k).tolist()) for k in beside)
+            beside = [k for edge in edges for k, upper in enumerate(gains.uppers) if upper == gains.uppers[edge]]
+            is_guess = any(not set(self.fitted.absorbed).isdisjoint(self._behind(k).tolist()) for k in beside)
             if not is_guess and all(self._partners(p + edge) is None for edge in edges):
                 off = float(np.sum((gradient @ self.reach()[p:]) ** 2))
                 variance = float(gradient @ self.covariance[p:, p:] @ gradient) + off
                 dof = min((float(self.freedoms[p + edge]) for edge in edges), default=np.inf)
                 error = float(np.sqrt(max(variance, 0.0)))
                 is_certain = error < RATIO_KNOWN or two_sided(value / error, dof) < RATIO_LEVEL
-                errors = np.sqrt(np.diag(self.covariance))
-                chance = 0.0  # that no load is behind an edge
-                for edge in edges:
-                    loads = [n for n in self._behind(edge) if errors[n] > 0.0]
-                    chances = [two_sided(self.solution.values[n] / errors[n], self.freedoms[n]) for n in loads]
-                    chance = max(chance, min(chances, default=1.0))
-                if is_certain and chance < RATIO_LEVEL:
+                if is_certain and all(self._is_loaded(edge) for edge in edges):
                     return _identified(bare, value, variance, dof)
                 load = min(map(self._load, edges), key=lambda pair: pair[0] / max(pair[1], 1e-300), default=load)
-        return _open(bare, reasons.of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
+        return _open(bare, of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
 
     def _behind(self, edge: int) -> Counts:
         """Numbers of the gravity parameters behind edge number `edge`."""
-        subtree = self.solution.gains.subtree(self.solution.gains.edges[edge])
+        gains = self.fitted.gains
         is_load = [column.effect == "gravity" for column in self.fitted.model.columns]
-        return np.flatnonzero(is_load & np.isin(self.fitted.system.owners, subtree))
+        return np.flatnonzero(is_load & np.isin(self.fitted.system.owners, gains.subtree(gains.edges[edge])))
+
+    def _is_loaded(self, edge: int) -> bool:
+        """Whether a load behind edge number `edge` is surely not zero."""
+        loads, values = self._behind(edge), self.fitted.values
+        errors = np.sqrt(np.diag(self.covariance))
+        chances = (two_sided(values[n] / errors[n], self.freedoms[n]) for n in loads if errors[n] > 0.0)
+        return min(chances, default=1.0) < RATIO_LEVEL
 
     def _load(self, edge: int) -> tuple[float, float]:
         """RMS (A) of what comes through an edge in its upper joint's current, and that part's standard error."""
-        gains, number = self.solution.gains, len(self.solution.values) + edge
-        upper = gains.uppers[edge]
-        row = next(row for row in self.fitted.rows if row.joint == upper + 1)
-        at_bins = Bilinear(np.full(len(row.bins), upper), row.design, row.bins.current, self.fitted.system.owners)
-        slopes = at_bins.jacobian(gains, self.solution.values)[:, number]
-        slope = math.sqrt(float(np.average(slopes**2, weights=row.bins.count)))
-        return abs(gains.ratios[edge]) * slope, float(np.sqrt(self.covariance[number, number])) * slope
+        gains, place = self.fitted.gains, len(self.fitted.values) + edge
+        row = self.fitted.row(gains.uppers[edge] + 1)
+        slope = math.sqrt(float(np.average(row.bare[:, place] ** 2, weights=row.bins.count)))
+        return abs(gains.ratios[edge]) * slope, float(np.sqrt(self.covariance[place, place])) * slope
+
+    def combinations(self, values: Sequence[Value]) -> tuple[Combination, ...]:
+        """Sums of parameters that the data determine although a term of theirs, of `values`, is less well known."""
+        errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
+        model, sums = self.fitted.model, list[Combination]()
+        for row in sorted(self.fitted.rows, key=lambda row: row.joint):
+            rms, covered = math.sqrt(row.bins.mean_square), self.coverage[row.joint]
+            sums_at_joint = list(self._felt(row))
+            for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
+                if covered.has_one_speed(sign):
+                    weights = np.zeros(len(self.covariance))
+                    weights[model.names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
+                    weights[model.names.index(f"viscous.j{row.joint}.{side}")] = sign * np.mean(covered.speeds[sign])
+                    text = f"friction of joint {row.joint} {way}, at the one speed that was run"
+                    sums_at_joint.append((weights, text, "A", 1.0))
+            for weights, text, unit, size in sums_at_joint:
+                # Parameters of plausible size would make this sum a part of the joint's current.
+                reach = size * float(np.linalg.norm(weights[: len(model.columns)] * self.fitted.limit))
+                total = self._sum(row, weights, text, unit=unit, size=size)
+                far = (abs(weight) * errors[name] > WORTH * total.std_error for name, weight in total.terms.items())
+                sums += [total] if reach > LEANING * rms and any(far) else []
+        # Of each effect that the rest of the model takes over in part: the parts that it does not.
+        for place, term in enumerate(model.effects):
+            members = np.array([model.columns[n].place == place for n in self.effects], dtype=bool)
+            if not np.any(self.sums[:, members]):
+                continue
+            numbers = self.effects[members]
+            size = np.linalg.norm(self.fitted.solution.jacobian[:, numbers], axis=0)
+            _, sizes, right = np.linalg.svd(self.sums[:, members] * size)
+            row = next(row for row in self.fitted.rows if term.touches(row.joint))
+            where = f" of joint {term.number}" if term.number else ""
+            text = f"{term.effect.name}{where}: what does not pass for the rest of the model"
+            for weights in right[np.count_nonzero(sizes > SAME) :]:
+                whole = np.zeros(len(self.covariance))
+                whole[numbers] = weights * size
+                whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])
+                sums.append(self._sum(row, whole, text, unit=model.columns[numbers[0]].unit))
+        return tuple(total for total in sums if math.isfinite(total.value))
+
+    def _sum(self, row: Row, weights: Floats, text: str, *, unit: str = "A", size: float = 1.0) -> Combination:
+        """The sum with its standard error; NaN where it rests on a direction that the data do not determine.
+
+        `size` is what it is multiplied by in the joint's current.
+        """
+        columns = self.fitted.model.columns
+        bare = weights[: len(columns)]
+        terms = {int(n): float(bare[n]) for n in np.flatnonzero(np.abs(bare) > SHARE * np.abs(bare).max(initial=0.0))}
+        off = float(np.linalg.norm(weights @ self.reach()))
+        error = math.sqrt(max(float(weights @ self.covariance @ weights) + off**2, 0.0))
+        if any(n in self.confounded and columns[n].place is None for n in terms):
+            off = error
+        is_known = size * off < LEANING * math.sqrt(row.bins.mean_square)
+        value = float(bare @ self.fitted.values) if is_known else math.nan
+        return Combination({columns[n].name: weight for n, weight in terms.items()}, value, error, unit, text)
+
+    def _felt(self, row: Row) -> Iterator[tuple[Floats, str, str, float]]:
+        """Weights, text, unit and size of what a joint feels in each posture that was run: the gravity load of a
+        revolute one at positions 0 and a quarter turn, and where it went from rest to rest its inertia, which acted
+        with that acceleration and knows the outer joints' positions only.
+        """
+        fitted, joint, bins = self.fitted, row.joint, row.bins
+        model, has_weight = fitted.model, np.array([c.effect == "gravity" for c in fitted.model.columns])
+        held = np.array([run.posture for run in bins.runs])
+        strokes = np.flatnonzero([run.kind == STROKE for run in bins.runs])
+
+        def weights(posture: Floats, angle: float) -> Floats:
+            """(2, P) A by each parameter and ratio at rest, the joint at an angle, and what a unit of acceleration
+            adds."""
+            position = np.tile(np.nan_to_num(posture), (2, 1))
+            position[:, joint - 1] = angle
+            base = model.base(Samples(joint, position, np.zeros_like(position), np.array([0.0, 1.0]), np.ones(2)))
+            parts = np.zeros((2, len(has_weight)))
+            parts[:, : base.shape[1]] = base[0], base[1] - base[0]
+            parts[0] *= has_weight
+            felt = Bilinear(np.full(2, joint - 1), parts, np.zeros(2), fitted.system.owners)
+            return felt.jacobian(fitted.gains, fitted.values)
+
+        for group in bins.postures[:MOST_POSTURES] if model.robot.joint(joint).is_revolute else ():
+            posture = held[group[0]]
+            where = _held_at(posture, "others") if len(bins.postures) > 1 else ""
+            for angle, place in ((0.0, "at position 0"), (math.pi / 2.0, "a quarter turn on")):
+                yield weights(posture, angle)[0], f"weight felt by joint {joint} {place}{where}", "A", 1.0
+        groups = posture_groups(held[strokes][:, joint:], SAME_POSTURE) if len(strokes) else []
+        for members in groups[:MOST_POSTURES]:
+            posture = held[strokes[members[0]]]
+            where = _held_at(posture[joint:], "outer joints") if len(groups) > 1 else ""
+            size = float(np.sqrt(np.mean(bins.samples.acceleration[np.isin(bins.run, strokes)] ** 2)))
+            unit = f"A s2/{model.robot.joint(joint).position_unit}"
+            yield weights(posture, 0.0)[1], f"inertia felt by joint {joint}{where}", unit, size
 
 
-def confounded(fitted: Fit) -> tuple[Counts, Floats, dict[int, tuple[str, ...]]]:
+def confounded(fitted: Fit) -> tuple[dict[int, tuple[str, ...]], Counts, Floats]:
     """Sums of effects' linear parameters that the rest of the model could take over whole, and what takes them over.
 
-    Returns (m,) numbers (from 0) of the effects' parameters; (h, m) sums of these; and number of a parameter or ratio
-    -> names of what the data show only together with it: what they say of either is what a prior says.
+    Returns number of a parameter or ratio -> names of what the data show only together with it: what they say of
+    either is what a prior says; (m,) numbers (from 0) of the effects' parameters; and (h, m) sums of these. The
+    recursion, which has no priors, has none.
     """
     jacobian, columns, out = fitted.solution.jacobian, fitted.model.columns, dict[int, tuple[str, ...]]()
-    names, error = _names(fitted, fitted.gains), np.sqrt(np.diag(fitted.inverse))
+    names, error = _names(fitted), np.sqrt(np.diag(fitted.inverse))
     is_effect = np.zeros(jacobian.shape[1], dtype=bool)
     is_effect[: len(columns)] = [column.place is not None for column in columns]
     norms = np.linalg.norm(jacobian, axis=0)
     effects = np.array([n for n in np.flatnonzero(is_effect & (norms > 0)) if columns[n].shape is None], dtype=int)
-    if not len(effects):
-        return effects, np.zeros((0, 0)), out
+    if not len(effects) or fitted.first is None:
+        return out, effects, np.zeros((0, len(effects)))
     rest, size = np.flatnonzero(~is_effect), norms[effects]
     scale = np.where(norms[rest] > 0, norms[rest], 1.0)
     unit, base = jacobian[:, effects] / size, jacobian[:, rest] / scale
@@ -366,44 +524,13 @@ def confounded(fitted: Fit) -> tuple[Counts, Floats, dict[int, tuple[str, ...]]]
         for group, with_it in ((members, taking or members), (taking, members)):
             for n in group:
                 out[n] = tuple(dict.fromkeys((*out.get(n, ()), *(names[k] for k in with_it if k != n))))
-    return effects, ways / size, out
+    return out, effects, ways / size
 
 
-def ratio_gradient(gains: Gains, row: int, other: int) -> tuple[float, Floats]:
-    """eta_row / eta_other and its derivative by every edge."""
-    value, down, up = gains.ratio(row, other), gains.path(other), gains.path(row)
-    powers = np.array([(edge in down) - (edge in up) for edge in gains.edges], dtype=float)
-    rate = np.divide(powers, gains.ratios, out=np.zeros(len(powers)), where=gains.ratios != 0.0)
-    return value, np.nan_to_num(value * rate)
-
-
-def _names(fitted: Fit, gains: Gains) -> list[str]:
+def _names(fitted: Fit) -> list[str]:
     """(P,) of parameters and ratios."""
-    return [
-        *fitted.model.names,
-        *(f"gain_ratio.{up + 1}.{low + 1}" for up, low in zip(gains.uppers, gains.edges, strict=True)),
-    ]
-
-
-def _freedoms(fitted: Fit, errors: Clustered, *, recursive: bool) -> Floats:
-    """(P,) degrees of freedom; the working model's own where clusters are too few."""
-    source = fitted.first if recursive and fitted.first else fitted
-    out, solution, start = errors.freedoms.copy(), source.solution, 0
-    poor = out < FEWEST_FREEDOMS
-    joints = np.array([*fitted.system.owners, *solution.gains.uppers])
-    for row in source.rows:
-        stop = start + row.target.size
-        chosen = np.flatnonzero(poor & (joints == row.joint - 1))
-        if len(chosen):
-            levels = source.levels[row.joint]
-            estimated: Floats | float = float(levels.freedoms)
-            if row.joint not in fitted.weak:
-                J = solution.jacobian[start:stop].reshape(*row.target.shape, -1)
-                ones, inverse = row.ones, solution.linear.inverse
-                estimated = freedoms(levels, ones=ones, jacobian=J, inverse=inverse)[chosen]
-            out[chosen] = np.clip(estimated, 1.0, float(levels.freedoms))
-        start = stop
-    return out
+    edges = zip(fitted.gains.uppers, fitted.gains.edges, strict=True)
+    return [*fitted.model.names, *(f"gain_ratio.{up + 1}.{low + 1}" for up, low in edges)]
 
 
 def _error_of(ends: tuple[float, float], dof: float) -> float:
@@ -422,101 +549,6 @@ def _identified(
 
 def _open(bare: Value, why: Reason) -> Value:
     return replace(bare, state=NOT_IDENTIFIABLE, **why)
-
-
-def combinations(fitted: FittedParameters, values: Sequence[Value]) -> tuple[Combination, ...]:
-    """Sums of parameters that the data determine although a term of theirs, of `values`, is not or far less well."""
-    errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
-    model, sums = fitted.fitted.model, list[Combination]()
-    for row in sorted(fitted.fitted.rows, key=lambda row: row.joint):
-        rms = math.sqrt(row.bins.mean_square)
-        sums_at_joint = list(_felt(fitted, row))
-        for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
-            covered, names = fitted.coverage[row.joint], model.names
-            if covered.has_one_speed(sign):
-                weights = np.zeros(len(fitted.covariance))
-                weights[names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
-                weights[names.index(f"viscous.j{row.joint}.{side}")] = sign * float(np.mean(covered.speeds[sign]))
-                text = f"friction of joint {row.joint} {way}, at the one speed that was run"
-                sums_at_joint.append((weights, text, "A", 1.0))
-        for weights, text, unit, size in sums_at_joint:
-            # Parameters of plausible size would make this sum a part of the joint's current.
-            reach = size * float(np.linalg.norm(weights[: len(model.columns)] * fitted.fitted.limit))
-            total = _sum(fitted, row, weights, text, unit=unit, size=size)
-            far = (abs(weight) * errors[name] > WORTH * total.std_error for name, weight in total.terms.items())
-            sums += [total] if reach > LEANING * rms and any(far) else []
-    # Of each effect that the rest of the model takes over in part: the parts that it does not.
-    effects, ways, _ = (
-        confounded(fitted.fitted) if fitted.confounded else (np.zeros(0, dtype=int), np.zeros((0, 0)), {})
-    )
-    for place, term in enumerate(model.effects):
-        members = np.array([model.columns[n].place == place for n in effects], dtype=bool)
-        if not np.any(ways[:, members]):
-            continue
-        numbers, size = effects[members], np.linalg.norm(fitted.fitted.solution.jacobian[:, effects[members]], axis=0)
-        _, sizes, right = np.linalg.svd(ways[:, members] * size)
-        row = next(row for row in fitted.fitted.rows if term.touches(row.joint))
-        where = f" of joint {term.number}" if term.number else ""
-        text = f"{term.effect.name}{where}: what does not pass for the rest of the model"
-        for weights in right[np.count_nonzero(sizes > SAME) :]:
-            whole = np.zeros(len(fitted.covariance))
-            whole[numbers] = weights * size
-            whole /= np.abs(whole).sum() * np.sign(whole[np.argmax(np.abs(whole))])
-            sums.append(_sum(fitted, row, whole, text, unit=model.columns[numbers[0]].unit))
-    return tuple(total for total in sums if math.isfinite(total.value))
-
-
-def _sum(
-    fitted: FittedParameters, row: Row, weights: Floats, text: str, *, unit: str = "A", size: float = 1.0
-) -> Combination:
-    """The sum with its standard error; NaN where it rests on a direction that the data do not determine.
-
-    `size` is what it is multiplied by in the joint's current.
-    """
-    columns = fitted.fitted.model.columns
-    bare = weights[: len(columns)]
-    terms = {int(n): float(bare[n]) for n in np.flatnonzero(np.abs(bare) > SHARE * np.abs(bare).max(initial=0.0))}
-    off = float(np.linalg.norm(weights @ fitted.reach()))
-    error = math.sqrt(max(float(weights @ fitted.covariance @ weights) + off**2, 0.0))
-    if any(n in fitted.confounded and columns[n].place is None for n in terms):
-        off = error
-    value = float(bare @ fitted.solution.values) if size * off < LEANING * math.sqrt(row.bins.mean_square) else math.nan
-    return Combination({columns[n].name: weight for n, weight in terms.items()}, value, error, unit, text)
-
-
-def _felt(fitted: FittedParameters, row: Row) -> Iterator[tuple[Floats, str, str, float]]:
-    """Weights, text, unit and size of what a joint feels in each posture that was run: the gravity load of a revolute
-    one at positions 0 and a quarter turn, and where it went from rest to rest its inertia, which acted with that
-    acceleration and knows the outer joints' positions only.
-    """
-    model, number, bins = fitted.fitted.model, row.joint, row.bins
-    joint, has_weight = model.robot.joint(number), np.array([c.effect == "gravity" for c in model.columns])
-    held = np.array([run.posture for run in bins.runs])
-    strokes = np.flatnonzero([run.kind == STROKE for run in bins.runs])
-    pulls = bins.samples.acceleration[np.isin(bins.run, strokes)]
-
-    def weights(posture: Floats, angle: float, pull: float) -> Floats:
-        """(P,) A by each parameter and ratio at rest, the joint at an angle, or what a unit of acceleration adds."""
-        position = np.tile(np.nan_to_num(posture), (2, 1))
-        position[:, number - 1] = angle
-        still = np.zeros_like(position)
-        base = model.base(Samples(number, position, still, np.array([0.0, pull]), np.ones(2)))
-        part = base[:1] * has_weight[: base.shape[1]] if pull == 0.0 else base[1:] - base[:1]
-        whole = np.pad(part, ((0, 0), (0, len(has_weight) - base.shape[1])))
-        felt = Bilinear(np.full(1, number - 1), whole, np.zeros(1), fitted.fitted.system.owners)
-        return np.asarray(felt.jacobian(fitted.solution.gains, fitted.solution.values)[0])
-
-    for group in bins.postures[:MOST_POSTURES] if joint.is_revolute else ():
-        which = _held_at(held[group[0]], "others") if len(bins.postures) > 1 else ""
-        yield weights(held[group[0]], 0.0, 0.0), f"weight felt by joint {number} at position 0{which}", "A", 1.0
-        text = f"weight felt by joint {number} a quarter turn on{which}"
-        yield weights(held[group[0]], math.pi / 2.0, 0.0), text, "A", 1.0
-    groups = posture_groups(held[strokes][:, number:], SAME_POSTURE) if len(strokes) else []
-    for members in groups[:MOST_POSTURES]:
-        posture = held[strokes[members[0]]]
-        which = _held_at(posture[number:], "outer joints") if len(groups) > 1 else ""
-        text, size = f"inertia felt by joint {number}{which}", float(np.sqrt(np.mean(pulls**2)))
-        yield weights(posture, 0.0, 1.0), text, f"A s2/{joint.position_unit}", size
 
 
 def _held_at(posture: Floats, joints: str) -> str:

@@ -10,7 +10,7 @@ from pumaid.effects import Family, Trace, load_refusal
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.estimation.fit import Fit, FitRow
-from pumaid.estimation.identifiability import two_sided
+from pumaid.estimation.gls import two_sided
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit
 from pumaid.joint_bins import JointBins, joint_bins

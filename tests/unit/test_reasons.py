@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from worlds import CRANE, STANFORD, course, run_of
 
-from pumaid.estimation import reasons
-from pumaid.estimation.reasons import JointCoverage
+from pumaid.estimation.identifiability import JointCoverage, of_column, of_ratio
 from pumaid.model import Model
 
 MODEL = Model(CRANE)
@@ -51,13 +50,13 @@ def test_each_reason_names_its_run(case):
     """What keeps a parameter from being identified, and the run that would show it."""
     name, runs, partners, text, next_run = CASES[case]
     column = MODEL.columns[MODEL.names.index(name)]
-    found = reasons.of_column(MODEL, column, coverage=coverage(*runs), partners=partners)
+    found = of_column(MODEL, column, coverage=coverage(*runs), partners=partners)
     assert text in found["reason"] and next_run in found["next_run"]
 
 
 def test_redundant_ratio_has_no_run():
     """A ratio that the geometry hides is said to be hidden, and no run is promised."""
-    found = reasons.of_ratio(Model(STANFORD), 1, 2, coverage={j: JointCoverage.of(j, ()) for j in range(1, 7)})
+    found = of_ratio(Model(STANFORD), 1, 2, coverage={j: JointCoverage.of(j, ()) for j in range(1, 7)})
     assert "in any posture" in found["reason"] and found["next_run"] is None
 
 
@@ -77,5 +76,5 @@ def test_redundant_ratio_has_no_run():
 )
 def test_why_a_ratio_is_open(runs, text, next_run):
     """Either joint without runs, one outer posture, or a load of little more than its own error, in amperes."""
-    found = reasons.of_ratio(MODEL, 2, 3, coverage=coverage(*runs), load=(0.0004, 0.0011))
+    found = of_ratio(MODEL, 2, 3, coverage=coverage(*runs), load=(0.0004, 0.0011))
     assert text in found["reason"] and next_run in found["next_run"]
