@@ -30,10 +30,9 @@ SEEDS = 70_000
 def white_errors(fitted: Fit) -> dict[str, float]:
     """Standard errors as if every sample were independent: what a plain least-squares program prints."""
     information = np.zeros((len(fitted.model.names) + len(fitted.gains.edges),) * 2)
-    for row in fitted.rows:
-        weight = np.sqrt(row.bins.count)
-        J = fitted.row(row.joint).bare * weight[:, None]
-        information += J.T @ J / fitted.row(row.joint).rmse ** 2
+    for row in fitted.joints:
+        J = row.bare * np.sqrt(row.bins.count)[:, None]
+        information += J.T @ J / row.rmse**2
     root = np.sqrt(np.diag(information))
     inverse = np.linalg.inv(information / np.outer(root, root)) / np.outer(root, root)
     return dict(zip(fitted.model.names, np.sqrt(np.diag(inverse)), strict=False))
@@ -69,9 +68,8 @@ def bound(truth: Truth, plan: Plan, rate: float) -> tuple[list[str], np.ndarray,
     runs = Bench(quiet, plan, rate=rate).runs(np.random.default_rng(0))
     fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
     rows = []
-    for row in fitted.rows:
-        wide = fitted.row(row.joint).bare * np.sqrt(row.bins.count)[:, None]
-        rows.append(wide / truth.noise.std[row.joint - 1])
+    for row in fitted.joints:
+        rows.append(row.bare * np.sqrt(row.bins.count)[:, None] / truth.noise.std[row.bins.joint - 1])
     J = np.vstack(rows)
     root = np.linalg.norm(J, axis=0)
     inverse = np.linalg.inv((J / root).T @ (J / root)) / np.outer(root, root)

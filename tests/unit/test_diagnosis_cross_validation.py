@@ -60,10 +60,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
     solved = lab.fitted(lab.noisy(1))
     row, squares, count = solved.row(1), np.zeros(2), 0.0
     root = block_diag(*roots(row.bins, row.noise))
-    designs = (
-        row.bare,
-        np.column_stack([row.bare, SPRING[0].linear(solved.model.robot, row.bins.samples)]),
-    )
+    designs = (row.bare, np.column_stack([row.bare, SPRING[0].linear(solved.model.robot, row.bins.samples)]))
     for _, runs in replicate_folds(solved, [1]):
         out = np.isin(row.bins.run, runs)
         for place, whole in enumerate(designs):
