@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27336,
-    "statements": 17072,
-    "modules": 163,
+    "lines": 27268,
+    "statements": 17028,
+    "modules": 162,
     "import depth": 12,
-    "lines of tests and tools": 22930,
+    "lines of tests and tools": 22926,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
