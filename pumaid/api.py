@@ -210,8 +210,7 @@ class Identified(Answer):
 
         KeyError: there is none of this name; the message lists them.
         """
-        from pumaid.reporting.context import ReportContext
-        from pumaid.reporting.page import all_contents, all_figures
+        from pumaid.reporting.page import ReportContext, all_contents, all_figures
 
         context = ReportContext(self.robot, self.record, self.dataset, self.compare().record, units)
         drawings = list(all_figures(all_contents(context)))

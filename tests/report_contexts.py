@@ -10,7 +10,7 @@ from pumaid.dataset import Dataset, FileFacts, Reject
 from pumaid.diagnosis.compare import compare
 from pumaid.errors import Note, Where
 from pumaid.estimate import Estimate, JointFit, Value
-from pumaid.reporting.context import ReportContext
+from pumaid.reporting.page import ReportContext
 from pumaid.robot import Robot
 
 #: A name that would break a page, a LaTeX file or a Markdown table which did not escape it.

@@ -169,8 +169,8 @@ def picture() -> bytes:
     """What the sample PUMA's currents are spent on."""
     from pumaid import compare, identify
     from pumaid.experiment import Experiment
-    from pumaid.reporting.context import ReportContext
     from pumaid.reporting.figures.model import share_figure
+    from pumaid.reporting.page import ReportContext
 
     experiment = Experiment((str(ROOT / "sample_logs" / "puma560"),))
     robot, dataset = experiment.robot, experiment.dataset()

@@ -88,7 +88,7 @@ def plan_form(form: str) -> tuple[str, Callable[[Plan, Robot], str]]:
 
 def draw_plan(path: Path, plan: Plan, robot: Robot) -> None:
     """Draw the arm in every posture."""
-    from pumaid.reporting.figures.arm import posture_figure
+    from pumaid.reporting.figures.experiment import posture_figure
 
     write_picture(path, posture_figure(plan, robot))
 

@@ -1,9 +1,9 @@
 """Records for other programs: entries of JSON documents, and tables of numbers; SI, angles in rad where not stated."""
 
-import json
-from typing import Any
+from __future__ import annotations
 
-import pandas as pd
+import json
+from typing import TYPE_CHECKING, Any
 
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.estimate import Estimate
@@ -11,9 +11,12 @@ from pumaid.estimation.evaluate import TOGETHER, Budget, Comparison
 from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.tables import parameter_table
-from pumaid.reporting.text import BUDGET_LIMITS, part_sentence, part_share
+from pumaid.reporting.text import BUDGET_LIMITS, part_share, part_text
 from pumaid.results.history import History
 from pumaid.robot import Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Forms of a table, with their suffix.
 TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
@@ -23,6 +26,12 @@ CSV_HEADER = (
     "run", "file", "last_file", "first_row", "last_row", "start_s", "duration_s", "joint", "name", "kind", "from_rad",
     "to_rad", "speed_rad_s", "ripple_rad_s", "samples", "temperature_degC", "heldout",
 )  # fmt: skip
+
+
+def _frame(rows: list[Any], **options: Any) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame(rows, **options)
 
 
 def _entries(record: object, names: str) -> dict[str, Any]:
@@ -56,7 +65,7 @@ def runs_csv(dataset: Dataset, robot: Robot) -> str:
         cells = [entry[name] for name in [*names.split(), "temperature", "heldout", "posture"]]
         rows.append([*cells[:10], *entry["span"], *cells[11:-1], *entry["posture"]])
     header = [*CSV_HEADER, *(f"q{joint.number}" for joint in robot.joints)]
-    return pd.DataFrame(rows, columns=header).to_csv(index=False, lineterminator="\n")
+    return _frame(rows, columns=header).to_csv(index=False, lineterminator="\n")
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
@@ -79,7 +88,7 @@ def runs_frame(comparison: Comparison) -> pd.DataFrame:
         row |= {"rmse_A": score.rmse, "bias_A": score.bias, "largest_A": score.largest, "explained": score.explained}
         row |= {"heldout": run.heldout, "undetermined": score.undetermined}
         rows.append(row | {f"q{number}": position for number, position in enumerate(run.posture, start=1)})
-    return pd.DataFrame(rows)
+    return _frame(rows)
 
 
 # Parameters
@@ -100,7 +109,7 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
         head = _entries(value, "name symbol joint") | {"unit": unit}
         rows.append(head | scaled | _entries(value, "dof state reason next_run"))
     numbers = ["value", "std_error", "ci_low", "ci_high", "dof"]
-    return pd.DataFrame(rows).astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
+    return _frame(rows).astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
 
 
 def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
@@ -160,7 +169,7 @@ def budget_document(budget: Budget) -> dict[str, Any]:
             "more_than_noise": part.is_more,
             "cycles_per": part.per or None,
             "cycles_per_motor_turn": part.gearing,
-            "text": part_sentence(budget, part) if part.is_more else None,
+            "text": part_text(budget, part) if part.is_more else None,
         }
         for part in budget.parts
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import html
 import io
 import re
 import textwrap
@@ -225,6 +226,11 @@ class Paragraph:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         yield Text("\n".join(self._lines(min(options.max_width, WIDTH))), style=self.style)
+
+    def __html__(self) -> str:
+        """A command, a heading or a sentence of a page."""
+        kind = 'pre class="command" tabindex="0"' if self.is_command else "h3" if self.style == "bold" else "p"
+        return f"<{kind}>{html.escape(self.text)}</{kind.split()[0]}>"
 
     def _lines(self, width: int) -> list[str]:
         before, room = " " * self.indent, max(width - self.indent - 2 * self.is_command, 20)

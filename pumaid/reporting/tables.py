@@ -1,6 +1,5 @@
 """Tables of a model, a comparison, a diagnosis and a history, and what the terminal shows of the last three."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,17 +7,16 @@ import numpy as np
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
-    ADEQUATE,
     UNEXPLAINED_JOINT,
     UNSEEN,
     Candidate,
     Diagnosis,
     Finding,
-    Unexplained,
+    JointDiagnosis,
 )
 from pumaid.effects import catalogue
 from pumaid.estimate import IDENTIFIED, Estimate, Value
-from pumaid.estimation.evaluate import Budget, Comparison
+from pumaid.estimation.evaluate import Comparison
 from pumaid.reporting import text as sentences
 from pumaid.reporting.formatting import (
     in_unit,
@@ -34,8 +32,8 @@ from pumaid.reporting.formatting import (
 from pumaid.reporting.run_tables import run_time
 from pumaid.reporting.table import Cell, Paragraph, Row, Table
 from pumaid.reporting.text import (
-    PART_NAMES,
-    VARIABLES,
+    BUDGET_CAPTION,
+    BUDGET_LIMITS,
     bare,
     changes,
     is_above_floor,
@@ -65,8 +63,6 @@ _ORDER = list(LABELS)
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
-#: Characters of the longest bar of a shape.
-BAR = 16
 #: A mean error below this share of the RMSE is written as 0.
 NO_BIAS = 1e-4
 #: Terms of a combination below this share of its largest are left out.
@@ -79,7 +75,7 @@ NONE = Cell("-", tone="absent")
 EMPTY = Paragraph("")
 
 #: Characters of a bar that is the whole residual; what fills it for noise and for a significant part.
-BUDGET_BAR, NOISE, SIGNIFICANT = 40, "░", "█"
+BUDGET_BAR, NOISE, SIGNIFICANT = 20, "░", "█"
 
 
 def amount(value: float | None, tone: str = "", *, beside: float | None = None) -> Cell:
@@ -269,9 +265,9 @@ def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
     return Table("Candidates", header, rows, notes_of(marks), caption, (0, 1, 2, 7))
 
 
-def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad", joints: Sequence[int] = ()) -> Table | None:
-    """Detection limit of each effect at `joints` (from 1; all where empty); None where none is known."""
-    limits = [limit for joint in diagnosis.joints if not joints or joint.joint in joints for limit in joint.limits]
+def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Table | None:
+    """Detection limit of each effect at each joint; None where none is known."""
+    limits = [limit for joint in diagnosis.joints for limit in joint.limits]
     if not limits:
         return None
     marks, rows, order = dict[str, str](), list[Row](), list(catalogue())
@@ -318,21 +314,6 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
     return Table(title, header, rows, caption=caption, words=(0, 1, 5))
 
 
-def shape_table(shape: Unexplained, units: str = "rad") -> Table:
-    """Free-form means of a residual in bins of one variable, with a bar each."""
-    scale, unit = in_unit(shape.unit, units)
-    largest = float(np.nanmax(np.abs(shape.means), initial=0.0)) or 1.0
-    rows: list[Row] = []
-    for centre, mean, error in zip(shape.centres, shape.means, shape.errors, strict=True):
-        bar = "#" * round(BAR * abs(float(mean)) / largest)
-        text, deviation = with_error(float(mean), float(error) if np.isfinite(error) else None)
-        sides = (bar.rjust(BAR) if mean < 0 else " " * BAR) + "|" + (bar if mean > 0 else "")
-        rows.append([number(scale * float(centre) + 0.0, 3), Cell(text, deviation), sides])
-    name = VARIABLES.get(shape.variable, shape.variable)
-    value = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else "residual (A)"
-    return Table("", (f"{name} ({unit})" if unit else name, value, ""), rows, words=(2,))
-
-
 # The history of models
 
 
@@ -368,62 +349,68 @@ def history_joint_table(ladder: Ladder) -> Table:
     return Table("RMSE (A) by joint and model", header, rows, words=(0, 1))
 
 
-# On the terminal
+# Sentences and tables
+
+
+def diagnosis_blocks(
+    diagnosis: Diagnosis, robot: Robot, *, units: str = "rad"
+) -> list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]]:
+    """What a diagnosis says: the headline, each finding, joint without explanation and effect added before, the rest.
+
+    Angles are in `units` (``rad`` or ``deg``).
+    """
+    blocks: list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]] = []
+    for count, finding in enumerate((*diagnosis.findings, *diagnosis.applied), start=1):
+        rank = f"{count}. " if count <= len(diagnosis.findings) else ""
+        title = rank + sentences.finding_title(finding, diagnosis, robot)
+        texts = sentences.finding_sentences(finding, diagnosis, robot, units=units)
+        parts: list[Paragraph | Table] = [Paragraph(title, style="bold")]
+        parts += [Paragraph(text, 3) for text in [*texts, sentences.decision_sentence(finding)] if text]
+        if finding.command and rank:
+            parts += [Paragraph("Add it with:", 3), Paragraph(finding.command, 5, is_command=True)]
+        blocks.append((finding, parts))
+    for joint in diagnosis.joints:
+        if joint.verdict == UNEXPLAINED_JOINT:
+            head = Paragraph(sentences.unexplained_title(joint, robot), style="bold")
+            texts = sentences.unexplained_sentences(joint, units)
+            blocks.append((joint, [head, *(Paragraph(text, 3) for text in texts)]))
+    blocks.append((None, [Paragraph(text) for text in sentences.other_sentences(diagnosis, robot)]))
+    limits = [Paragraph(f"- {text}", 2) for text in sentences.weaknesses(diagnosis, robot)]
+    blocks.append((None, [Paragraph("Limits of this diagnosis:"), *limits] if limits else []))
+    made = [candidate_table(diagnosis, robot)]
+    made += [deciding_runs_table(finding, robot, units) for finding in diagnosis.findings]
+    made.append(limit_table(diagnosis, robot, units=units))
+    blocks += [(None, [table]) for table in made if table is not None]
+    headline = Paragraph(sentences.headline(diagnosis, robot), style="bold")
+    return [(None, [headline]), *(block for block in blocks if block[1])]
 
 
 def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[Paragraph | Table]:
-    """Sentences of a diagnosis, then the tables behind them; angles in `units` (``rad`` or ``deg``)."""
-    parts: list[Paragraph | Table] = [Paragraph(sentences.headline(diagnosis, robot), style="bold")]
-    for count, finding in enumerate(diagnosis.findings, start=1):
-        parts += [EMPTY, Paragraph(f"{count}. {sentences.finding_title(finding, robot)}", style="bold")]
-        texts = sentences.finding_sentences(finding, diagnosis, robot, units=units)
-        parts += [Paragraph(text, 3) for text in [*texts, sentences.decision_sentence(finding)] if text]
-        if finding.command:
-            parts += [Paragraph("Add it with:", 3), Paragraph(finding.command, 5, is_command=True)]
-    for joint in diagnosis.joints:
-        if joint.verdict == UNEXPLAINED_JOINT:
-            parts += [EMPTY, Paragraph(sentences.unexplained_title(joint, robot), style="bold")]
-            parts += [Paragraph(text, 3) for text in sentences.unexplained_sentences(joint, units)]
-            parts += [shape_table(joint.unexplained, units)] if joint.unexplained is not None else []
-    texts = sentences.other_sentences(diagnosis, robot)
-    parts += [EMPTY, *map(Paragraph, texts)] if texts else []
-    limits = sentences.weaknesses(diagnosis, robot)
-    parts += [EMPTY, Paragraph("Limits of this diagnosis:")] if limits else []
-    parts += [Paragraph(f"- {text}", 2) for text in limits]
-    quiet = [joint.joint for joint in diagnosis.joints if joint.verdict == ADEQUATE]
-    tables = [candidate_table(diagnosis, robot)]
-    tables += [deciding_runs_table(finding, robot, units) for finding in diagnosis.findings]
-    tables += [limit_table(diagnosis, robot, units=units, joints=quiet)] if quiet else []
-    for table in tables:
-        parts += [] if table is None else [EMPTY, table]
-    return parts
+    """The same for the terminal, with an empty line between."""
+    blocks = diagnosis_blocks(diagnosis, robot, units=units)
+    return [part for _, parts in blocks for part in (*parts, EMPTY)][:-1]
 
 
-def budget_parts(comparison: Comparison, robot: Robot) -> list[Paragraph]:
-    """A sentence and bars for each joint whose residual is more than noise, then the other joints."""
-    parts = []
-    for score in comparison.joints:
-        if score.budget is not None and not is_noise_only(score.budget):
-            parts += [
-                Paragraph(sentences.budget_sentence(score, robot)),
-                Paragraph(budget_bars(score.budget), 2),
-                EMPTY,
-            ]
-    parts += [Paragraph(sentences.BUDGET_CAPTION, style="dim"), EMPTY] if parts else []
-    limits = sentences.budget_limit_sentences(comparison, robot)
-    parts += [Paragraph("What is noise, and what these runs cannot separate:")] if limits else []
-    parts += [Paragraph(f"- {text}", 2) for text in limits]
-    return [EMPTY, Paragraph("Residual budget", style="bold"), *parts] if parts else []
+def budget_table(comparison: Comparison, robot: Robot) -> Table | None:
+    """Parts of each joint's residual, significant ones first; below, what is noise and what the runs cannot separate.
 
-
-def budget_bars(budget: Budget) -> str:
-    """Each part of a residual with its share and a bar, a line each."""
-    parts = [part for part in budget.parts if part.mean_square > 0.0]
-    width = max((len(PART_NAMES[part.name]) for part in parts), default=0)
-    lines = []
-    for part in parts:
-        share = part_share(budget, part)
-        mark = NOISE if part.name.startswith("noise") or not part.is_more else SIGNIFICANT
-        bar = mark * max(round(BUDGET_BAR * share), 1)
-        lines.append(f"{PART_NAMES[part.name]:<{width}}  {100.0 * share:5.1f} %  {bar}")
-    return "\n".join(lines)
+    None where no joint has runs.
+    """
+    joints, rows = sentences.budgets(comparison), list[Row]()
+    loud = {joint: budget for joint, budget in joints.items() if not is_noise_only(budget)}
+    for joint, budget in loud.items():
+        head = joint_label(robot, joint)
+        for part in sorted(budget.parts, key=lambda part: (not part.is_more, -part.mean_square)):
+            share = part_share(budget, part)
+            bar = (SIGNIFICANT if part.is_more else NOISE) * max(round(BUDGET_BAR * share), 1)
+            words = [sentences.part_text(budget, part), listed(part.points_to if part.is_more else [], "or")]
+            rows += [[head, f"{100.0 * share:.1f} %", bar, *words]] if part.mean_square > 0.0 else []
+            head = "" if rows else head
+    noise = "the residual is noise, as far as these runs can show"
+    texts = [(joint, noise) for joint in joints if joint not in loud]
+    texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]
+    notes = [("-", text) for text in sentences.by_joint(texts, robot, count=len(joints))]
+    header = ("joint", "share", "", "part", "effects with this pattern")
+    return (
+        Table("Residual budget", header, rows, notes, BUDGET_CAPTION if rows else "", (0, 2, 3, 4)) if joints else None
+    )

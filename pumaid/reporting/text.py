@@ -102,8 +102,8 @@ BUDGET_CAPTION = (
     " To name the effect behind a part: pumaid diagnose."
 )
 
-#: A share below this is written as "less than 1 %"; ripples named in a sentence.
-SMALLEST_SHARE, MOST_RIPPLES = 0.005, 3
+#: Ripples named in a sentence.
+MOST_RIPPLES = 3
 
 #: Limits of the method, whatever the data.
 METHOD_LIMITS = (
@@ -215,66 +215,28 @@ def part_share(budget: Budget, part: BudgetPart) -> float:
     return part.mean_square / budget.mean_square if budget.mean_square > 0.0 else 0.0
 
 
-def share_text(share: float) -> str:
-    """A share in whole percent."""
-    return "less than 1 %" if 0.0 < share < SMALLEST_SHARE else f"{100.0 * share:.0f} %"
-
-
-def significant_parts(budget: Budget) -> list[BudgetPart]:
-    """Parts that are more than noise would give, the largest first."""
-    return sorted((part for part in budget.parts if part.is_more), key=lambda part: -part.mean_square)
-
-
 def is_noise_only(budget: Budget) -> bool:
     """Whether a joint's residual is noise, as far as the runs can show."""
-    return not significant_parts(budget) and budget.part("unassigned").mean_square == 0.0
+    return not any(part.is_more for part in budget.parts) and budget.part("unassigned").mean_square == 0.0
 
 
-def part_sentence(budget: Budget, part: BudgetPart) -> str:
-    """What a part says of the residual, without a full stop."""
+def part_text(budget: Budget, part: BudgetPart) -> str:
+    """What a part says of the residual."""
     if part.name == "fast" and part.is_more:
         motor = [f" ({number(turns, 3)} a motor turn)" for turns in part.gearing] or [""] * len(part.cycles)
         waves = [number(cycles, 4) + turns for cycles, turns in zip(part.cycles, motor, strict=True)]
         more = [f"{len(waves) - MOST_RIPPLES} more"] if len(waves) > MOST_RIPPLES else []
         size = " whose amplitude changes along the run" if "size" in part.against else ""
-        words = f"is ripple over position{size}: {listed(waves[:MOST_RIPPLES] + more)} cycles per {part.per}"
-    elif part.name == "unassigned" and part.is_more:
-        words = "repeats from run to run but matches no known pattern"
-    elif part.name == "unassigned" and "few-runs" in budget.limits:
-        words = "is slow within runs: noise or missing physics (too few runs to separate them)"
-    elif part.name == "unassigned":
-        words = "differs from run to run: noise or missing physics (repeated runs would separate them)"
-    elif part.name.startswith("noise"):
-        words = f"is {PART_NAMES[part.name]}"
-    else:
-        words = "; part of it ".join(PATTERNS[part.name, variable] for variable in part.against)
-    return f"{share_text(part_share(budget, part))} {words}".rstrip()
-
-
-def budget_sentence(score: JointScore, robot: Robot) -> str:
-    """The parts of a joint's residual, the largest first, then its noise."""
-    budget = score.budget
-    if budget is None:
-        return f"{joint_title(robot, score.joint)} never moves alone in these logs."
-    parts, unassigned = significant_parts(budget), budget.part("unassigned")
-    if unassigned.mean_square > 0.0 and not unassigned.is_more:
-        parts.append(unassigned)
-    words = [part_sentence(budget, part) for part in parts]
-    noise = share_text(budget.noise / budget.mean_square if budget.mean_square > 0.0 else 1.0)
-    is_judged = budget.replicates > 0 and "few-runs" not in budget.limits
-    words += [f"{noise} is noise" + ("" if is_judged else ", as far as these runs can show")]
-    effects = list(dict.fromkeys(effect for part in parts if part.is_more for effect in part.points_to))
-    similar = f" Effects with this pattern: {listed(effects, 'or')}." if effects else ""
-    return f"{joint_title(robot, score.joint)}, RMSE {amperes(score.rmse)}: {'; '.join(words)}.{similar}"
-
-
-def budget_limit_sentences(comparison: Comparison, robot: Robot) -> list[str]:
-    """Which joints' residuals are noise alone, and what the runs cannot separate; one sentence for all alike joints."""
-    joints = budgets(comparison)
-    noise = "the residual is noise, as far as these runs can show"
-    texts = [(joint, noise) for joint, budget in joints.items() if is_noise_only(budget)]
-    texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]
-    return by_joint(texts, robot, count=len(joints))
+        return f"is ripple over position{size}: {listed(waves[:MOST_RIPPLES] + more)} cycles per {part.per}"
+    if part.name == "unassigned" and part.is_more:
+        return "repeats from run to run but matches no known pattern"
+    if part.name == "unassigned" and "few-runs" in budget.limits:
+        return "is slow within runs: noise or missing physics (too few runs to separate them)"
+    if part.name == "unassigned":
+        return "differs from run to run: noise or missing physics (repeated runs would separate them)"
+    if not part.is_more:
+        return PART_NAMES[part.name]
+    return "; part of it ".join(PATTERNS[part.name, variable] for variable in part.against)
 
 
 def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) -> list[str]:
@@ -339,11 +301,11 @@ def bare(unit: str) -> str:
 # Findings
 
 
-def finding_title(finding: Finding, robot: Robot, *, is_applied: bool = False) -> str:
-    """Where and what, with the effects that these data do not separate from it; `is_applied`: the model now has it."""
+def finding_title(finding: Finding, diagnosis: Diagnosis, robot: Robot) -> str:
+    """Where and what, with the effects that these data do not separate from it; of what was added, that it is there."""
     where = place(finding, robot)
     head = f"{where[:1].upper()}{where[1:]}: {label(finding.effect)}"
-    if is_applied:
+    if any(finding is item for item in diagnosis.applied):
         return f"{head} was missing and is now in the model"
     return f"{head} {'is missing' if finding.verdict == ADD else 'may be missing'}{_rivals(finding)}"
 
@@ -511,7 +473,7 @@ def form_sentence(shape: Unexplained, units: str = "rad") -> str:
 
 
 def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
-    """Joints without a finding or a shape of their own, suspected columns, and effects that were added before."""
+    """Joints without a finding or a shape of their own, and suspected columns."""
     joints = {finding.joint for finding in diagnosis.findings}
     is_clean = all(joint.verdict == ADEQUATE and joint.rmse is not None for joint in diagnosis.joints)
     texts = []
@@ -536,8 +498,7 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
         verdict = "not testable, because it hardly varies in these runs or is not a number."
         clear = "no joint's current depends on it, as far as these runs can show."
         out.append(f"Column {name.removeprefix(SUSPECT)}: {clear if name in testable else verdict}")
-    applied = [_named(replace(finding, rivals=()), robot) for finding in diagnosis.applied]
-    return [*out, f"Added after an earlier diagnosis: {listed(applied)}."] if applied else out
+    return out
 
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:

@@ -95,7 +95,7 @@ def test_its_command_runs_and_the_misfit_is_gone(arm):
     assert words[:2] == ["pumaid", "identify"] and run(*words[1:])
     told = run(*DIAGNOSE, "--check").stdout
     assert "nothing is missing that these data can show" in told
-    assert "Added after an earlier diagnosis: ripple at joint 1" in told
+    assert "Joint 1 (hip): ripple was missing and is now in the model" in told
 
 
 def test_apply_adds_refits_and_keeps_every_step(arm):

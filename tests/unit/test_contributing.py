@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import pumaid.effects
 import pumaid.exports.formats
 import pumaid.io.formats
-import pumaid.reporting.sections
+import pumaid.reporting.page
 from pumaid.cli import group
 from pumaid.effects import catalogue
 from pumaid.exports import every_form, export
@@ -57,14 +57,12 @@ class DummyLog(LogSource):
 '''
 SECTION = '''
 """A dummy."""
-from pumaid.reporting.sections import Section
+from pumaid.reporting.page import Section
 
-class Dummy(Section):
-    """Greets."""
-    order, title = 1, "Dummy section"
+def greeting(context):
+    return {"words": f"This is {context.robot.name}."}
 
-    def content(self, context):
-        return {"words": f"This is {context.robot.name}."}
+SECTIONS = (Section("dummy", "Dummy section", 1, greeting),)
 '''
 FORM = '''
 """A dummy."""
@@ -93,7 +91,7 @@ def added(tmp_path, monkeypatch):
 
     yield add
     monkeypatch.undo()
-    for package in (pumaid.effects, pumaid.io.formats, pumaid.reporting.sections, pumaid.exports.formats):
+    for package in (pumaid.effects, pumaid.io.formats, pumaid.reporting.page, pumaid.exports.formats):
         sys.modules.pop(f"{package.__name__}.dummy", None)
     for cache in caches:
         cache.cache_clear()
@@ -120,7 +118,7 @@ def test_a_log_format_is_one_file(added, tmp_path):
 
 def test_a_report_section_is_one_file_and_its_template(added, tmp_path, monkeypatch):
     """It stands on the page at the place that its order says."""
-    added(pumaid.reporting.sections, SECTION)
+    added(pumaid.reporting.page, SECTION)
     (tmp_path / "dummy.html").write_text("<p>{{ words }}</p>", encoding="utf-8")
     package = jinja2.PackageLoader
     both = lambda name: jinja2.ChoiceLoader([package(name), jinja2.FileSystemLoader(tmp_path)])  # noqa: E731

@@ -15,10 +15,9 @@ from test_reporting_tables import ARM, PLAN, dataset_of
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import compare
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.reporting.context import ReportContext
-from pumaid.reporting.figures import arm, model, residuals, runs
+from pumaid.reporting.figures import experiment, model
 from pumaid.reporting.figures.style import BACKWARD, FORWARD, INLINE, styled
-from pumaid.reporting.page import all_contents, all_figures
+from pumaid.reporting.page import ReportContext, all_contents, all_figures
 from pumaid.reporting.text import PART_NAMES
 from pumaid.robot import Box, Safety, Sphere
 from pumaid.trajectory import Motion, Plan, Posture
@@ -67,7 +66,9 @@ def test_shares_stand_in_the_bars(context, figures):
     joints[0] = replace(joints[0], shares={"gravity": 0.2, "coulomb+viscous": 0.79, "unexplained": 0.01})
     merged = replace(context, comparison=replace(context.comparison, joints=tuple(joints)))
     drawing = model.share_figure(merged)
-    assert "Coulomb + viscous" in drawing.file(INLINE).decode() and "share a colour" in drawing.caption
+    assert (
+        "Coulomb friction + viscous friction" in drawing.file(INLINE).decode() and "share a colour" in drawing.caption
+    )
 
 
 def test_legends_name_the_directions_of_the_runs(context, figures):
@@ -82,19 +83,19 @@ def test_legends_name_the_directions_of_the_runs(context, figures):
 
 def test_residuals_are_drawn_against_what_varies(context):
     """One speed in one posture leaves nothing to see over speed and posture, so there are no panels of them."""
-    names = residuals.varying(residuals.joint_residuals(context, 1))
+    names = model.varying(model.joint_residuals(context, 1))
     assert "speed (rad/s)" in names and "posture (number)" in names
     first = context.comparison.of_joint(1)[0].run
     alike = only(context, lambda run: run.joint == 1 and abs(run.speed) == abs(first.speed)
                  and np.allclose(run.posture, first.posture, atol=0.01, equal_nan=True))  # fmt: skip
-    assert [name.split()[0] for name in residuals.varying(residuals.joint_residuals(alike, 1))] in (
+    assert [name.split()[0] for name in model.varying(model.joint_residuals(alike, 1))] in (
         ["position", "time"], ["position", "gravity", "time"],
     )  # fmt: skip
 
 
 def test_budget_bars_fill_their_row(context):
     """Each joint's bars reach from 0 to the whole residual, and the legend names only what is there."""
-    figure = residuals.budget_figure(context).figure
+    figure = model.budget_figure(context).figure
     for row in range(2):
         bars = [bar for bar in figure.axes[0].patches if round(bar.get_y() + bar.get_height() / 2.0) == row]
         assert sum(bar.get_width() for bar in bars) == pytest.approx(1.0)
@@ -102,10 +103,13 @@ def test_budget_bars_fill_their_row(context):
     assert {text.get_text() for text in figure.legends[0].get_texts()} == {PART_NAMES[part.name] for part in parts}
 
 
-def test_overview_has_all_variables(context):
-    """The figure of ``compare`` has the residual against what varies, beside the current."""
-    titles = {axes.get_title(loc="left") for axes in residuals.overview_figure(context).figure.axes}
-    assert {f"residual by {word}" for word in ("position", "speed", "gravity current")} <= titles
+def test_several_joints_stand_beside_each_other(context):
+    """The figure of ``compare`` has a column a joint: the current, below it the residual against what varies."""
+    axes = model.residual_figure(context, [1, 2]).figure.axes
+    titles = [axis.get_title(loc="left") for axis in axes[:2]]
+    assert ["current" in title and f"Joint {joint}" in title for joint, title in enumerate(titles, 1)] == [True, True]
+    labels = {axis.get_xlabel() for axis in axes}
+    assert {"position (rad)", "speed (rad/s)", "gravity current (A)"} <= labels
 
 
 def test_logs_without_runs_draw_no_empty_figure(context):
@@ -131,7 +135,7 @@ def test_of_many_models_the_ends_are_shown(n_models, shown):
 def test_before_and_after_have_one_scale():
     """The residual with the effect is seen against the one without it, in the unit asked for."""
     finding = diagnoses.stribeck()
-    above, below = residuals.finding_figure(finding, finding.curves[0], PUMA, name="x", units="deg").figure.axes
+    above, below = model.finding_figure(finding, finding.curves[0], PUMA, name="x", units="deg").figure.axes
     assert above.get_ylim() == below.get_ylim() and above.get_xlim() == below.get_xlim()
     heights = [max(abs(line.get_ydata()).max() for line in axes.lines[1:3]) for axes in (above, below)]
     assert heights[0] == pytest.approx(10.0 * heights[1])
@@ -150,14 +154,14 @@ SAFE = replace(
 
 def test_each_posture_has_its_panel():
     """A panel a posture with joint, range, purpose and parameters; the moving part ends at the tip."""
-    figure = arm.posture_figure(PLAN, SAFE).figure
+    figure = experiment.posture_figure(PLAN, SAFE).figure
     titles = [axes.get_title() or axes.get_title(loc="left") for axes in figure.axes]
     first = next(title for title in titles if title.startswith("2A tip"))
     assert "-57.3 to 57.3 deg, 4 runs" in first and "for gravity.l2.x, gravity.l2.y" in first
     assert any(title.startswith("1A lift") and "0.1 to 0.4 m, 1 run" in title for title in titles)
     lines = figure.axes[titles.index(first)].lines
     moving = next(line for line in lines if line.get_linewidth() > 3 and line.get_color() == FORWARD)
-    tip = arm.projected(np.array([[0.3 + 0.2, 0.0, 0.1]]))[0]  # joint 2 at 0, the lift at 0.1 m, by hand
+    tip = experiment.projected(np.array([[0.3 + 0.2, 0.0, 0.1]]))[0]  # joint 2 at 0, the lift at 0.1 m, by hand
     assert moving.get_xydata()[-1] == pytest.approx(tip, abs=1e-12)
     boxes = [patch for patch in figure.axes[titles.index(first)].patches if isinstance(patch, Polygon)]
     assert any(patch.get_facecolor()[:3] == to_rgba(BACKWARD)[:3] for patch in boxes)
@@ -171,7 +175,7 @@ def test_titles_of_postures_do_not_overlap():
                for j in range(robot_.n_joints) for _ in range(2)]  # fmt: skip
     serves = tuple(f"gain_ratio.{k}.{k + 1}" for k in range(1, 6))
     plan = Plan(robot_.name, tuple(motions), tuple(Posture(m.joint, m.hold, serves, "") for m in motions))
-    figure = arm.posture_figure(plan, robot_).figure
+    figure = experiment.posture_figure(plan, robot_).figure
     with styled():
         figure.draw_without_rendering()
     texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
@@ -182,7 +186,7 @@ def test_titles_of_postures_do_not_overlap():
 def test_runs_are_drawn_in_the_unit_asked_for():
     """Velocity above position, in degrees, the highest at the fastest run; joints and reasons in the legend."""
     dataset, robot_ = dataset_of(speeds=(0.5, 0.5001))
-    figure = runs.run_figure(dataset, robot_, "deg").figure
+    figure = experiment.run_figure(dataset, robot_, "deg").figure
     above, below = figure.axes
     assert (above.get_ylabel(), below.get_ylabel()) == ("velocity (deg/s)", "position (deg)")
     top = max(np.abs(line.get_ydata()).max() for line in above.lines if len(line.get_xdata()) > 2)
@@ -195,9 +199,9 @@ def test_long_campaigns_go_over_strips():
     """Strips share the time evenly; the report shows the first runs; no runs are an empty figure."""
     dataset, robot_ = dataset_of()
     many = Dataset(dataset.runs * 25, dataset.rejects)
-    axes = runs.run_figure(many, robot_).figure.axes
+    axes = experiment.run_figure(many, robot_).figure.axes
     assert len(axes) == 2 * 3
     widths = [np.ptp(axis.get_xlim()) for axis in axes]
     np.testing.assert_allclose(widths, widths[0])
-    assert runs.run_figure(many, robot_, limit=3).caption.startswith("The first 3 of ")
-    assert len(runs.run_figure(Dataset(()), robot_).figure.axes) == 2
+    assert experiment.run_figure(many, robot_, limit=3).caption.startswith("The first 3 of ")
+    assert len(experiment.run_figure(Dataset(()), robot_).figure.axes) == 2

@@ -131,7 +131,7 @@ def test_stale_and_clean_diagnoses_say_so(context):
     quiet = (replace(diagnoses.quiet(1), limits=diagnoses.limits(1)), diagnoses.quiet(2))
     clean = replace(context, diagnosis=replace(diagnoses.clean(), joints=quiet))
     part = section(words_of(clean), "diagnosis")
-    assert "Nothing is missing that these data can show." in part and "detected with a probability of 80 %" in part
+    assert "nothing is missing that these data can show." in part and "detected with a probability of 80 %" in part
     assert 'id="diagnosis"' not in words_of(replace(context, diagnosis=None))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from pumaid.cli import output
 from pumaid.errors import Note, visible
-from pumaid.reporting.figures.arm import posture_figure
+from pumaid.reporting.figures.experiment import posture_figure
 from pumaid.reporting.run_tables import axes_table, plan_tables, session_table
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture

@@ -20,22 +20,20 @@ def command(*, request: options.ModelOnLogs, worst: int) -> bool:
     """
     request.spare_inputs([request.picture])
     estimate, robot, dataset = request.read()
-    from rich.console import Group
-
     from pumaid.diagnosis.compare import compare
     from pumaid.reporting.documents import comparison_document
-    from pumaid.reporting.tables import budget_parts, comparison_table, worst_runs_table
+    from pumaid.reporting.tables import budget_table, comparison_table, worst_runs_table
     from pumaid.reporting.text import is_above_floor
     from pumaid.results.documents import heading
 
     comparison, units = compare(estimate, dataset, robot), request.units
     notes((*estimate.notes, *comparison.notes))
     if request.picture is not None and comparison.runs:
-        from pumaid.reporting.context import ReportContext
-        from pumaid.reporting.figures.residuals import overview_figure
+        from pumaid.reporting.figures.model import residual_figure
+        from pumaid.reporting.page import ReportContext
 
         context = ReportContext(robot, estimate, dataset, comparison, units)
-        write_picture(request.picture, overview_figure(context))
+        write_picture(request.picture, residual_figure(context, context.moving()))
     elif request.picture is not None:
         remark(f"no run was found, so there is no misfit to draw: {request.picture} is not written")
     if request.as_json:
@@ -43,6 +41,5 @@ def command(*, request: options.ModelOnLogs, worst: int) -> bool:
     else:
         is_listed = worst and comparison.runs
         worst_runs = worst_runs_table(comparison, robot, count=worst, units=units) if is_listed else None
-        first = Group(comparison_table(comparison, robot), *budget_parts(comparison, robot))
-        tables(first, worst_runs)
+        tables(comparison_table(comparison, robot), budget_table(comparison, robot), worst_runs)
     return request.check and any(is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints)

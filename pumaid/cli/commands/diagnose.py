@@ -49,7 +49,7 @@ def command(
 
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.io.write import refuse_to_replace
-    from pumaid.reporting.figures.residuals import diagnosis_figure
+    from pumaid.reporting.figures.model import diagnosis_figure
     from pumaid.reporting.tables import diagnosis_parts, history_table
     from pumaid.results.history import ladder_of
 

@@ -30,7 +30,6 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
       pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
     """
     from pumaid.reporting.documents import history_document
-    from pumaid.reporting.figures.model import history_figure
     from pumaid.reporting.tables import history_joint_table, history_table
     from pumaid.results.documents import heading
     from pumaid.results.history import read_history
@@ -43,6 +42,8 @@ def command(*, folder: Path, results: Path | None, restore: int | None, picture:
     history = read_history(place)
     notes(history.notes)
     if picture is not None:
+        from pumaid.reporting.figures.model import history_figure
+
         write_picture(picture, history_figure(history.ladders[0]))
     if as_json:
         document(heading("history") | history_document(history))

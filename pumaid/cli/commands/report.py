@@ -13,7 +13,7 @@ from pumaid.cli.output import document, notes, progress, remark, spare_inputs, w
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
-    from pumaid.reporting.context import ReportContext
+    from pumaid.reporting.page import ReportContext
 
 _TABLES = click.Choice(["text", "csv", "parquet", "latex", "markdown", "json"])
 _TABLE_HELP = f"Only the parameter table: {', '.join(_TABLES.choices)}."
@@ -94,7 +94,7 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
     from pumaid.diagnosis.compare import compare
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, read_diagnosis, stale
     from pumaid.errors import Note, ResultError, Where
-    from pumaid.reporting.context import ReportContext
+    from pumaid.reporting.page import ReportContext
     from pumaid.results.history import ladder_of
 
     estimate = experiment.model(source)

@@ -60,7 +60,6 @@ def command(
     """
     from pumaid.preprocessing.options import SegmentOptions
     from pumaid.reporting.documents import runs_csv, segments_document
-    from pumaid.reporting.figures.runs import run_figure
     from pumaid.reporting.run_tables import rejection_table, rejects_table, run_table, runs_by_joint_table
     from pumaid.results.documents import heading
 
@@ -71,6 +70,8 @@ def command(
     robot, dataset = experiment.robot, experiment.dataset(options=chosen)
     notes(dataset.notes)
     if picture is not None:
+        from pumaid.reporting.figures.experiment import run_figure
+
         write_picture(picture, run_figure(dataset, robot, units))
     if as_json:
         digests = {facts.name: facts.digest for facts in dataset.files}

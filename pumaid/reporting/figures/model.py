@@ -1,22 +1,35 @@
-"""The model: where each joint's current goes, the parameters and how well they are known, and their history."""
+"""The model and its errors: shares, parameters, history, currents, residuals, and what findings explain."""
 
 import textwrap
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from itertools import cycle
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED
-from pumaid.reporting.context import ReportContext
+from pumaid.dataset import BLOCK
+from pumaid.diagnosis.records import Curve, Diagnosis, Finding, JointDiagnosis
+from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, Budget, RunScore
+from pumaid.maths import Floats
 from pumaid.reporting.figures.style import (
     AREAS,
     BACKWARD,
+    COLOURS,
     FORWARD,
     GREY,
+    INK,
+    MOST_POINTS,
+    WIDTH,
     Drawing,
+    clock_shifts,
+    direction_handles,
+    dots,
     error_marks,
     heading,
     legend,
@@ -25,10 +38,23 @@ from pumaid.reporting.figures.style import (
     styled,
     zero_line,
 )
-from pumaid.reporting.formatting import amperes, in_unit, shortened
+from pumaid.reporting.formatting import amperes, in_unit, joint_title, listed, posture_text, shortened
+from pumaid.reporting.page import ReportContext
 from pumaid.reporting.tables import row_of
-from pumaid.reporting.text import changes, is_structural
+from pumaid.reporting.text import (
+    BUDGET_CAPTION,
+    PART_NAMES,
+    VARIABLES,
+    budgets,
+    changes,
+    form_sentence,
+    is_structural,
+    label,
+    part_share,
+    place,
+)
 from pumaid.results.history import Ladder
+from pumaid.robot import Robot
 
 #: Effect -> colour of its share; other effects take the rest of the palette in turn.
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
@@ -45,6 +71,35 @@ PANELS = (
 #: Models in the figure of a history; inch of its width on a page; characters a model's label has for each inch.
 MOST_MODELS, PAGE_WIDTH, LETTERS = 8, 4.9, 9.2
 
+#: Postures of a joint in a figure of currents; bins over position (fine enough for a ripple) and other variables.
+MOST_POSTURES, FINE, COARSE = 3, 48, 14
+
+#: A variable is drawn if it varies by more than this: speed (share of the largest), A, posture, K; others always.
+LEAST = {"speed": 0.05, "gravity": 1e-6, "posture": 0.5, "temperature": 0.5}
+
+#: Part of the residual budget -> colour, in the order of the bars: missing physics, then greys for noise.
+PART_COLOURS = {
+    "smooth": "#0173b2",
+    "fast": "#de8f05",
+    "start": "#cc78bc",
+    "odd": "#c8500a",
+    "even": "#029e73",
+    "time": "#ece133",
+    "unassigned": "#7f5fa8",
+    "noise_inside": "#d3d7dd",
+    "noise_shared": "#a9b0ba",
+}
+
+#: Line styles of an effect and of its rivals, in turn.
+DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)))
+
+#: s above which times are in minutes; range of a residual in multiples of its largest mark; findings in one figure, and
+#: inch of a panel of several.
+MINUTES, RANGE, MOST_COLUMNS, NARROW = 300.0, 1.6, 6, 3.6
+
+
+# The model
+
 
 @styled()
 def share_figure(context: ReportContext) -> Drawing:
@@ -53,11 +108,8 @@ def share_figure(context: ReportContext) -> Drawing:
     total = Counter[str]()
     for score in scores:
         total.update({name: abs(share) for name, share in score.shares.items() if name != UNEXPLAINED})
-    # The paper's effects first, then those with the largest share in the whole arm.
-    order, palette = list(EFFECT_COLOURS), cycle(AREAS[4:])
-    first = {name: name.split(TOGETHER)[0] for name in total}
-    rank = {name: ([*order, first[name]].index(first[name]), name.count(TOGETHER)) for name in total}
-    names = sorted(total, key=lambda name: (rank[name], -total[name]))
+    order, palette = list(EFFECT_COLOURS), cycle(AREAS[4:])  # the paper's effects first, then those of largest share
+    names = sorted(total, key=lambda name: (order.index(name) if name in order else len(order), -total[name]))
     colours = {name: EFFECT_COLOURS.get(name) or next(palette) for name in names} | {UNEXPLAINED: BACKWARD}
     figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
     bars = {
@@ -68,13 +120,13 @@ def share_figure(context: ReportContext) -> Drawing:
         for score in scores
     }
     stacked_bars(figure.subplots(), bars, "share of mean square current")
-    handles = []
-    for name, colour in colours.items():
-        effects = [EFFECT_NAMES.get(effect, effect.replace("_", " ")) for effect in name.split(TOGETHER)]
-        words = [effect.removesuffix(" friction") for effect in effects] if len(effects) > 1 else effects
-        handles.append(Patch(color=colour, label=" + ".join(words)))
+    words = {
+        name: [EFFECT_NAMES.get(effect, effect.replace("_", " ")) for effect in name.split(TOGETHER)]
+        for name in colours
+    }
     is_merged = any(TOGETHER in name for name in names)
-    legend(figure, handles, 2 if is_merged else 3)
+    handles = [Patch(color=colour, label=" + ".join(words[name])) for name, colour in colours.items()]
+    legend(figure, handles, 1 if is_merged else 3)
     heading(figure, f"{shortened(context.robot.name)}\nWhat the motor currents are spent on")
     caption = "Shares of the mean square of each joint's current, which heats the motor; right: RMS current."
     caption += " The fitted logs do not separate effects that share a colour." if is_merged else ""
@@ -87,8 +139,8 @@ def parameter_figure(context: ReportContext) -> Drawing:
     values = context.estimate.values
     rows = {row_of(value) for value in values if value.value is not None}
     chosen = [(title, keys) for title, keys in PANELS if rows & set(keys)] or [PANELS[0]]
-    figure, all_axes = panels(len(chosen), height=1.45, sharex=True)
-    for axes, (title, keys) in zip(all_axes, chosen, strict=True):
+    figure, grid = panels(len(chosen), height=1.45, sharex=True)
+    for axes, (title, keys) in zip(grid.flat, chosen, strict=True):
         zero_line(axes)
         shown = [value for value in values if row_of(value) in keys]
         units = dict.fromkeys(in_unit(value.unit, context.units)[1] for value in shown)
@@ -107,8 +159,8 @@ def parameter_figure(context: ReportContext) -> Drawing:
             axes.annotate("n/i", (joint or 0, 0.0), (0, 3), textcoords="offset points", ha="center", fontsize=8.5)
         axes.margins(y=0.18)
         axes.grid(axis="y")
-    all_axes[-1].set_xticks(range(1, context.robot.n_joints + 1))
-    all_axes[-1].set(xlim=(0.5, context.robot.n_joints + 0.5), xlabel="link")
+    grid[-1, 0].set_xticks(range(1, context.robot.n_joints + 1))
+    grid[-1, 0].set(xlim=(0.5, context.robot.n_joints + 0.5), xlabel="link")
     caption = (
         "Blue circles: x and forward terms; orange squares: y and backward terms; n/i: not identifiable. Intervals"
         " narrower than the mark are hidden by it."
@@ -133,14 +185,277 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     axes.set(ylim=(0.0, 1.18 * np.nanmax(values, initial=0.0) or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
     labels, room = [], int(LETTERS * width / len(path))
     for before, rung in zip((None, *path), path, strict=False):
-        lines = []
-        for phrase in changes(rung) if before is None or rung.parent == before.number else ["several steps"]:
-            effect, at, joints = phrase.partition("@")
-            lines += textwrap.wrap(effect.replace("_", " "), max(room, 8), break_long_words=False)
-            lines += [f"joint{'s' * (not joints.isdecimal())} {joints}"] if at else []
-        labels.append("\n".join([str(rung.number), *(lines if room >= 8 else [])]))
+        words = changes(rung) if before is None or rung.parent == before.number else ["several steps"]
+        texts = [word.replace("_", " ").replace("@", " @") for word in words] if room >= 8 else []
+        labels.append("\n".join([str(rung.number), *(textwrap.fill(text, room) for text in texts)]))
     axes.set_xticks(edges[:-1] + 0.5, labels)
     axes.set_title(f"{shortened(ladder.robot)}: error of each model", pad=10)
     legend(figure, axes.get_legend_handles_labels()[0])
     caption = "One step a model, labelled by what it adds. Grey: noise floor, from the differences of repeated runs."
     return Drawing("ladder", f"{ladder.robot}: error of each model", caption, figure)
+
+
+# Currents
+
+
+@styled()
+def current_figure(context: ReportContext, joint: int) -> Drawing:
+    """Measured and predicted current of a joint, as in the paper's Fig. 4: one panel a posture.
+
+    Of a joint with blocks of any motion only, one panel a block, against time.
+    """
+    groups = context.postures(joint)
+    is_free = all(score.run.kind == BLOCK for score in groups[0]) and len(groups) == 1
+    shown = [[score] for score in groups[0][:MOST_POSTURES]] if is_free else groups[:MOST_POSTURES]
+    variable, unit = ("time", "s") if is_free else ("position", context.unit(joint)[1])
+    figure, grid = panels(len(shown), height=2.35 if len(shown) == 1 else 1.85, sharex=True, sharey=True)
+    names = " | ".join(dict.fromkeys(context.unit(other.number)[1] for other in context.robot.joints))
+    for axes, group in zip(grid.flat, shown, strict=True):
+        _course(axes, context, group)
+        run = group[0].run
+        posture = f"other joints at {posture_text(context.robot, run.posture.tolist(), context.units)} {names}"
+        words = f"block from {run.start:.1f} s" if is_free else posture
+        axes.text(0.0, 1.02, words, transform=axes.transAxes, fontsize=8.5)
+        axes.set_ylabel("current (A)")
+        axes.grid(axis="y")
+    grid[-1, 0].set_xlabel(f"{variable} ({unit})")
+    grid[0, 0].set_title(shortened(joint_title(context.robot, joint), 40), pad=18)
+    ways = [1, -1] if is_free else [score.run.direction for group in shown for score in group]
+    legend(figure, [*direction_handles(ways), Line2D([], [], color=INK, linewidth=1.1, label="predicted")])
+    caption = "Dots: measured. Lines: predicted, one a run."
+    if len(groups) > MOST_POSTURES:
+        caption += f" The {MOST_POSTURES} of {len(groups)} postures with most runs."
+    return Drawing(
+        f"current_j{joint}", f"{joint_title(context.robot, joint)}: current against {variable}", caption, figure
+    )
+
+
+def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> None:
+    """Measured (dots) and predicted (lines) current of runs in one posture, or of blocks against time."""
+    for score in group:
+        run, bins = score.run, score.run.bins
+        is_block = run.kind == BLOCK
+        x = bins.time - run.start if is_block else bins.position[:, run.joint - 1] * context.unit(run.joint)[0]
+        ways = np.sign(bins.velocity) if is_block else np.full(len(x), run.direction)
+        order, steps = np.argsort(x), np.diff(np.sort(x))
+        pauses: Any = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if is_block else []
+        for rows in np.split(order, pauses):
+            axes.plot(x[rows], score.predicted[rows], color=INK, linewidth=0.7, zorder=1.5)
+        for sign in (1, -1):
+            look: dict[str, Any] = {"colour": COLOURS[sign], "size": 2.6, "limit": -(-2 * MOST_POINTS // len(group))}
+            dots(axes, x[ways == sign], bins.current[ways == sign], alpha=0.7, **look)
+
+
+# Residuals
+
+
+@styled()
+def residual_figure(context: ReportContext, joints: Sequence[int]) -> Drawing:
+    """The residual of joints against position, speed, load, time, posture and temperature, as far as they vary.
+
+    A column a joint; of several joints their currents stand above.
+    """
+    bins = {joint: joint_residuals(context, joint) for joint in joints}
+    drawn = {joint: {name.split(" (")[0]: name for name in varying(frame)} for joint, frame in bins.items()}
+    words = list(dict.fromkeys(word for names in drawn.values() for word in names))
+    above = int(len(joints) > 1)
+    height, width = 1.28 if len(words) > 2 else 1.6, NARROW if above else WIDTH
+    figure, grid = panels(above + len(words), len(joints), height=height, width=width)
+    for (first, *_), joint in zip(grid.T, joints, strict=True):
+        first.set_title(f"{shortened(joint_title(context.robot, joint), 32)}: {'current' if above else 'residual'}")
+        if above:
+            _course(first, context, context.postures(joint)[0])
+    for row, word in zip(grid[above:], words, strict=True):
+        for axes, (joint, names) in zip(row, drawn.items(), strict=True):
+            if word in names:
+                _binned(axes, bins[joint], names[word], context.comparison.joints[joint - 1].noise_floor)
+            else:
+                axes.set_axis_off()
+    for axes in grid[:, 0]:
+        axes.set_ylabel("residual (A)")
+    if above:
+        grid[0, 0].set_ylabel("current (A)")
+    ways = direction_handles(way for frame in bins.values() for way in frame["direction"])
+    legend(figure, [*ways, Patch(color=GREY, alpha=0.4, label="noise floor")])
+    joint = joints[0]
+    postures = [group[0].run.posture.tolist() for group in context.postures(joint)[:4]]
+    texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]
+    caption = f"Postures ({context.unit(joint)[1]}): {'; '.join(texts)}."
+    return Drawing(f"residual_j{joint}", f"{joint_title(context.robot, joint)}: residual", caption, figure)
+
+
+def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
+    """The bins of a joint's runs: direction, run and residual (A), then what it may depend on, in units of the axes."""
+    (scale, unit), shifts = context.unit(joint), clock_shifts([score.run for score in context.comparison.runs])
+    parts: list[pd.DataFrame] = []
+    for posture, group in enumerate(context.postures(joint), start=1):
+        for score in group:
+            run, bins = score.run, score.run.bins
+            is_block = run.kind == BLOCK
+            speed = np.abs(bins.velocity) if is_block else np.full(len(bins.time), abs(run.speed))
+            # A's gravity is not known where only a sum with it is, and 0 where the joint carries no weight.
+            is_merged = any("gravity" in name.split(TOGETHER) and name != "gravity" for name in score.parts)
+            columns = {
+                "direction": np.sign(bins.velocity) if is_block else run.direction,
+                "run": len(parts),
+                "residual": score.residual,
+                f"position ({unit})": scale * bins.position[:, joint - 1],
+                f"speed ({unit}/s)": scale * speed,
+                "gravity current (A)": score.parts.get("gravity", np.nan if is_merged else 0.0),
+                "time (min)": (bins.time + shifts[run.clock]) / 60.0,
+                "posture (number)": float(posture),
+                "temperature (°C)": bins.temperature,
+            }
+            parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)
+
+
+def varying(bins: pd.DataFrame) -> list[str]:
+    """Names of the variables that vary enough to show a dependence; position and time always."""
+    least = {name: LEAST.get(name.split()[0], -1.0) for name in bins.columns[3:]}
+    least = {name: x * bins[name].max() if name.startswith("speed") else x for name, x in least.items()}
+    return [name for name, limit in least.items() if bins[name].max() - bins[name].min() > limit]
+
+
+def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> None:
+    """Residuals as dots, and means over runs in bins of a variable with their standard errors."""
+    zero_line(axes, floor)
+    is_position = name.startswith("position")
+    look = {"markersize": 2.4, "linestyle": "-", "linewidth": 0.8} if is_position else {"markersize": 4.2}
+    count = COARSE if name.startswith(("gravity", "time", "temperature")) else FINE
+    for sign in (1, -1):
+        side = bins[(bins["direction"] == sign) & np.isfinite(bins[name])]
+        if side.empty:
+            continue
+        dots(axes, side[name], side["residual"], colour=COLOURS[sign], size=1.6, alpha=0.28)
+        labels = pd.cut(side[name], count, labels=False)
+        means = side.groupby([labels, "run"])["residual"].mean().groupby(level=0)
+        error_marks(axes, side[name].groupby(labels).mean(), means.mean(), errors=means.sem(), sign=sign, **look)
+    axes.margins(x=0.05)
+    axes.locator_params(axis="x", nbins=6)  # small currents have long labels
+    axes.set_xlabel(name, labelpad=1)
+    # The same scale above and below zero, with room for 99 % of the residuals.
+    top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
+    axes.set_ylim(-top, top)
+
+
+# Residual budget
+
+
+@styled()
+def budget_figure(context: ReportContext) -> Drawing:
+    """Parts of each joint's mean squared residual, one bar a joint: significant parts first, noise last."""
+    joints, order = budgets(context.comparison), list(PART_COLOURS)
+
+    def bar(budget: Budget) -> list[tuple[float, str, float]]:
+        parts = sorted(budget.parts, key=lambda part: (max(order.index(part.name), 5), -part.mean_square))
+        opacity = [0.45 if part.name == "unassigned" and not part.is_more else 1.0 for part in parts]
+        return [(part_share(budget, p), PART_COLOURS[p.name], alpha) for p, alpha in zip(parts, opacity, strict=True)]
+
+    figure = Figure(figsize=(5.1, 0.42 * len(joints) + 1.5), layout="constrained")
+    axes = figure.subplots()
+    rmse = {joint: amperes(context.comparison.joints[joint - 1].rmse) for joint in joints}
+    bars = {f"joint {joint}": (bar(budget), rmse[joint]) for joint, budget in joints.items()}
+    stacked_bars(axes, bars, "share of the mean squared residual (right: RMSE)")
+    names = {part.name for budget in joints.values() for part in budget.parts if part.mean_square > 0.0}
+    handles = [Patch(color=colour, label=PART_NAMES[name]) for name, colour in PART_COLOURS.items() if name in names]
+    legend(figure, handles, 2)
+    axes.set_title("Residual budget")
+    return Drawing("budget", "Residual budget", BUDGET_CAPTION, figure)
+
+
+# Findings
+
+
+def finding_figure(finding: Finding, curve: Curve, robot: Robot, *, name: str, units: str = "rad") -> Drawing:
+    """What an effect explains at the joint of one of its curves: without it above, with it below."""
+    effect = label(finding.effect)
+    caption = f"Above: residual, means over runs with standard errors; line: current of {effect}."
+    rivals = list(dict.fromkeys(line.effect for line in curve.lines if line.effect != finding.effect))
+    if rivals:
+        caption += f" Broken: {listed(rivals, 'or')}; where the lines differ, a run would decide."
+    caption += f" Below: residual with {effect} in the model."
+    figure = _evidence([(finding, curve)], [], robot, units=units)
+    return Drawing(f"{name}_j{curve.joint}", _title(finding, curve, robot), caption, figure)
+
+
+def _title(finding: Finding, curve: Curve, robot: Robot) -> str:
+    other = "" if finding.joint == curve.joint else f" of {place(finding, robot)}"
+    return f"{joint_title(robot, curve.joint)}: {label(finding.effect)}{other}"
+
+
+def shape_figure(joint: JointDiagnosis, robot: Robot, units: str = "rad") -> Drawing:
+    """The shape of a joint's residual that no effect explains."""
+    assert joint.unexplained is not None
+    caption = f"Means of the residual in bins. {form_sentence(joint.unexplained, units)}"
+    title = f"{joint_title(robot, joint.joint)}: residual that no effect explains"
+    return Drawing(f"unexplained_j{joint.joint}", title, caption, _evidence([], [joint], robot, units=units))
+
+
+def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> Drawing | None:
+    """All findings in one figure, a column each, then shapes without a name; None where there is nothing to draw."""
+    curves = [(finding, curve) for finding in diagnosis.findings for curve in finding.curves][:MOST_COLUMNS]
+    shapes = [joint for joint in diagnosis.joints if joint.unexplained is not None][: MOST_COLUMNS - len(curves)]
+    if not curves and not shapes:
+        return None
+    figure = _evidence(curves, shapes, robot, units=units)
+    return Drawing("diagnosis", f"{robot.name}: missing effects", "", figure)
+
+
+@styled()
+def _evidence(
+    curves: Sequence[tuple[Finding, Curve]], shapes: Sequence[JointDiagnosis], robot: Robot, *, units: str
+) -> Figure:
+    """A column for each curve, the residual without the effect above that with it, then one for each shape."""
+    count = len(curves) + len(shapes)
+    figure, grid = panels(2 if curves else 1, count, height=1.75 if curves else 2.4, sharex="col")
+    dashes = dict(zip(dict.fromkeys(line.effect for _, c in curves for line in c.lines), cycle(DASHES), strict=False))
+    for both, (finding, curve) in zip(grid.T, curves, strict=False):
+        _before_and_after(both, curve, dashes, units=units)
+        titles = (_title(finding, curve, robot), f"with {label(finding.effect)}")
+        for axes, title in zip(both, titles, strict=True):
+            axes.set_title(shortened(title, 44))
+        both[0].set_xlabel("")
+    for (axes, *empty), joint in zip(grid.T[len(curves) :], shapes, strict=True):
+        shape = joint.unexplained
+        assert shape is not None
+        scale = _frame(axes, VARIABLES.get(shape.variable, shape.variable), shape.unit, shape.centres, units=units)
+        if shape.form.startswith("v "):
+            axes.set_ylabel(f"viscous (A s/{shape.unit})")
+        error_marks(axes, scale * shape.centres, shape.means, errors=shape.errors, linestyle="-", linewidth=1.0)
+        axes.axvline(scale * shape.peak, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
+        axes.set_title(shortened(f"{joint_title(robot, joint.joint)}: {shape.form}, unexplained", 44))
+        axes.tick_params(labelbottom=True)
+        for below in empty:
+            below.set_axis_off()
+    ways = direction_handles(side.direction for _, curve in curves for side in curve.sides)
+    lines = [Line2D([], [], color=INK, linestyle=dash, label=name) for name, dash in dashes.items()]
+    legend(figure, [*ways, *lines], 2 * count)
+    return figure
+
+
+def _before_and_after(both: Iterable[Axes], curve: Curve, dashes: dict[str, Any], *, units: str) -> None:
+    """The residual without an effect, with the effect's and its rivals' currents, and with it, at one scale."""
+    values = np.concatenate([side.centres for side in curve.sides])
+    means = [mean for side in curve.sides for mean in (side.before, side.after)]
+    top = RANGE * max(1e-9, *(float(np.nanmax(np.abs(mean), initial=0.0)) for mean in means))
+    for axes, name in zip(both, ("before", "after"), strict=True):
+        scale = _frame(axes, curve.variable, curve.unit, values, units=units)
+        axes.set_ylim(-top, top)
+        for side in curve.sides:
+            x, y = scale * side.centres, getattr(side, name)
+            error_marks(axes, x, y, errors=side.errors, sign=side.direction)
+        for line in curve.lines if name == "before" else ():
+            look: dict[str, Any] = {"color": COLOURS[line.direction], "linestyle": dashes[line.effect]}
+            axes.plot(scale * line.places, line.values, linewidth=1.4, **look)
+
+
+def _frame(axes: Axes, variable: str, unit: str, values: Floats, *, units: str) -> float:
+    """Label the axes of a residual; the factor of the variable: degrees if asked for, minutes of long times."""
+    is_long = unit == "s" and np.nanmax(np.abs(values), initial=0.0) > MINUTES
+    scale, word = (1.0 / 60.0, "min") if is_long else in_unit(unit, units)
+    zero_line(axes)
+    word = "°C" if word == "degC" else word
+    axes.set_xlabel(f"{variable} ({word})" if word else variable, labelpad=1)
+    axes.set_ylabel("residual (A)")
+    return scale

@@ -13,9 +13,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
-from matplotlib.patches import Patch, PathPatch
-from matplotlib.path import Path
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from pumaid.dataset import Reject, Run
 
@@ -60,6 +59,7 @@ _RC: Any = {
     "lines.linewidth": 1.2,
     "hatch.linewidth": 1.0,
     "axes.formatter.useoffset": False,
+    "path.simplify": False,
     "text.parse_math": False,  # names of robots, joints and files may hold $
     "svg.hashsalt": "pumaid",
     "pdf.fonttype": 42,
@@ -127,10 +127,10 @@ def inlined(svg: str, name: str, title: str) -> str:
     return f"{opening.replace('<svg', label, 1)}>{rest}"
 
 
-def panels(rows: int, *, height: float, width: float = WIDTH, **shared: Any) -> tuple[Figure, list[Axes]]:
-    """A figure with `rows` panels below each other, each `height` inch high; `shared` are sharex and sharey."""
-    figure = Figure(figsize=(width, height * rows + 0.25), layout="constrained")
-    return figure, list(figure.subplots(rows, 1, squeeze=False, **shared)[:, 0])
+def panels(rows: int, columns: int = 1, *, height: float, width: float = WIDTH, **shared: Any) -> tuple[Figure, Any]:
+    """A figure and its (rows, columns) panels, each `height` by `width` inch; `shared` are sharex and sharey."""
+    figure = Figure(figsize=(width * columns, height * rows + 0.25), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
 
 
 def direction_handles(signs: Iterable[int]) -> list[Patch]:
@@ -141,7 +141,7 @@ def direction_handles(signs: Iterable[int]) -> list[Patch]:
     ]
 
 
-def legend(figure: Figure | SubFigure, handles: Sequence[Artist], columns: int = 3) -> None:
+def legend(figure: Figure, handles: Sequence[Artist], columns: int = 3) -> None:
     """A legend below all panels."""
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=1.2)
 
@@ -158,20 +158,16 @@ def error_marks(axes: Axes, x: Any, y: Any, *, errors: Any, sign: int = 1, **loo
 
 
 def dots(axes: Axes, x: Any, y: Any, *, colour: str, size: float, alpha: float = 0.5, limit: int = MOST_POINTS) -> None:
-    """Points as one path, a tenth of what markers take in SVG; of more than `limit` every k-th."""
-    points = np.column_stack([x, y])[:: max(1, -(-len(x) // limit))]
-    points = points[np.isfinite(points).all(axis=1)]
-    if not len(points):
+    """Points as one line with gaps, a tenth of what markers take in SVG; of more than `limit` every k-th."""
+    if not len(x):
         return
-    vertices = np.repeat(points, 2, axis=0)
-    vertices[1::2, 0] += 1e-4 * max(float(np.ptp(points[:, 0])), 1e-9)  # lines without length are not drawn everywhere
-    path = Path(vertices, np.tile([Path.MOVETO, Path.LINETO], len(points)))
-    path.should_simplify = False
-    patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=size, alpha=alpha, capstyle="round", zorder=2)
-    patch.set_snap(False)  # strokes this short would be snapped to nothing in PNG
-    axes.add_artist(patch)
-    axes.update_datalim(points)
-    axes.autoscale_view()
+    step = max(1, -(-len(x) // limit))
+    x, y = np.asarray(x, dtype=float)[::step], np.asarray(y, dtype=float)[::step]
+    length = 1e-4 * max(float(np.ptp(x)), 1e-9)  # lines without length are not drawn everywhere
+    across, up = np.column_stack([x, x + length, np.nan * x]), np.column_stack([y, y, np.nan * y])
+    look: Any = {"linewidth": size, "solid_capstyle": "round", "zorder": 2}
+    (line,) = axes.plot(across.ravel(), up.ravel(), color=colour, alpha=alpha, **look)
+    line.set_snap(False)  # strokes this short would be snapped to nothing in PNG
 
 
 def zero_line(axes: Axes, floor: float | None = None) -> None:

@@ -1,7 +1,8 @@
-"""The arm: its skeleton, and the postures of a plan."""
+"""The experiment: the arm's skeleton, the postures of a plan, and the runs that logs contain."""
 
+import math
 from collections.abc import Sequence
-from itertools import groupby, product
+from itertools import cycle, groupby, product
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,26 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
 from scipy.spatial import ConvexHull
 
+from pumaid.dataset import Dataset, Reject, Run
 from pumaid.maths import Floats
-from pumaid.reporting.figures.style import BACKWARD, FAINT, FORWARD, GREY, INK, Drawing, heading, legend, styled
+from pumaid.preprocessing.options import STROKE
+from pumaid.reporting.figures.style import (
+    BACKWARD,
+    FAINT,
+    FORWARD,
+    GREY,
+    INK,
+    PALETTE,
+    TINT,
+    Drawing,
+    clock_shifts,
+    heading,
+    legend,
+    styled,
+    zero_line,
+)
 from pumaid.reporting.formatting import in_unit, letters, plural, shortened
-from pumaid.reporting.run_tables import posture_key
+from pumaid.reporting.run_tables import by_reason, counted_runs, posture_key, samples_read
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan
 
@@ -28,6 +45,13 @@ TIP, RIM, BASE = 0.09, 0.12, 0.1
 
 #: Positions of a joint over its range, of which the middle one is drawn.
 POSITIONS = 41
+
+#: Runs of the report's figure; runs in one strip of a figure, and strips.
+MOST_RUNS, RUNS_A_STRIP, MOST_STRIPS = 72, 36, 8
+#: Points of one run or reject; gap between recordings with separate clocks, as a share of their whole time.
+MOST_POINTS, GAP = 48, 0.01
+#: Reason of rejection -> hatch; stretches at rest are left white.
+HATCHES = {"rest": "", "ramp": "////", "several-joints": "xxxx", "speed-not-constant": "\\\\\\\\", "low-speed": "||||"}
 
 
 def projected(points: Floats) -> Floats:
@@ -180,3 +204,76 @@ def _safety(axes: Axes, robot: Robot, position: Floats, joint: int, *, limits: t
         centre = projected((origins[sphere.link] + rotations[sphere.link] @ np.array(sphere.centre))[None])[0]
         colour = FORWARD if sphere.link >= joint else INK
         axes.add_patch(Circle(centre, sphere.radius, facecolor=colour, alpha=0.12, linewidth=0, zorder=4))
+
+
+# Runs
+
+
+@styled()
+def run_figure(dataset: Dataset, robot: Robot, units: str = "rad", *, limit: int | None = None) -> Drawing:
+    """Velocity and position against time, with runs in their joint's colour; of the first `limit` runs only.
+
+    One strip, or several for a long campaign; recordings without a common clock follow one another.
+    """
+    items: list[Run | Reject] = [*dataset.runs, *dataset.rejects]
+    runs, shifts = dataset.runs[:limit], clock_shifts(items, GAP)
+    is_cut = len(runs) < len(dataset.runs)
+    count = max(1, min(MOST_STRIPS, math.ceil(len(runs) / RUNS_A_STRIP)))
+    figure = Figure(figsize=(12.0, (4.6 if count == 1 else 2.5) * count + 0.9), layout="constrained")
+    panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=(3, 2) * count)[:, 0]
+    ends = [shifts[item.clock] + item.start + item.duration for item in items]
+    borders = np.linspace(0.0, max([1e-9, *ends[: len(runs) if is_cut else None]]), count + 1)
+    scale, names = zip(*(in_unit(joint.position_unit, units) for joint in robot.joints), strict=True)
+    for (above, below), start, stop in zip(panels.reshape(-1, 2), borders[:-1], borders[1:], strict=True):
+        for item, end in zip(items, ends, strict=True):
+            if end - item.duration <= stop and end >= start:
+                _item((above, below), item, shift=shifts[item.clock], scale=np.array(scale))
+        zero_line(above)
+        above.tick_params(labelbottom=False)
+        for axes, name in ((above, "velocity ({}/s)"), (below, "position ({})")):
+            axes.set_ylabel(" or ".join(name.format(unit) for unit in dict.fromkeys(names)))
+            axes.set_xlim(start, stop)
+            axes.margins(y=0.08)
+            axes.autoscale_view(scalex=False)
+    panels[-1].set_xlabel("time (s)")
+    read, handles = max(1, samples_read(dataset)), []
+    for joint, colour in zip(robot.joints, cycle(PALETTE), strict=False):
+        count = len(dataset.of_joint(joint.number))
+        label = f"{joint.number} {joint.name}: {plural(count, 'run')}"
+        handles += [Patch(facecolor=colour, alpha=0.6, label=label)] if count else []
+    for reason, rejects in by_reason(dataset.rejects).items():
+        label = f"{reason.replace('-', ' ')}: {100 * sum(reject.samples for reject in rejects) / read:.1f} %"
+        face, hatch = "white" if reason == "rest" else TINT, HATCHES.get(reason, "....")
+        handles.append(Patch(facecolor=face, edgecolor=GREY, linewidth=0.5, hatch=hatch, label=label))
+    legend(figure, handles, 6)
+    used = read - sum(reject.samples for reject in dataset.rejects)
+    heading(figure, f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used")
+    caption = f"The first {limit} of {len(dataset.runs)} runs. " if is_cut else ""
+    caption += "Velocity and position against time: runs in their joint's colour, strokes dashed, the rest hatched."
+    return Drawing("segments", "Runs found in the logs", caption, figure)
+
+
+def _item(both: tuple[Axes, Axes], item: Run | Reject, *, shift: float, scale: Floats) -> None:
+    """Velocity (above) and position (below) of one run, with the joints that it holds, or of one rejected stretch."""
+    above, below = both
+    bins, run = item.bins, item if isinstance(item, Run) else None
+    joints = [item.joint] if isinstance(item, Run) else item.joints
+    if isinstance(item, Reject) and item.reason != "rest":
+        for axes in both:
+            look: dict[str, Any] = {"edgecolor": FAINT, "hatch": HATCHES.get(item.reason, "...."), "linewidth": 0.0}
+            axes.axvspan(item.start + shift, item.start + shift + item.duration, facecolor=TINT, zorder=0.5, **look)
+    if bins is None:
+        return
+    step = slice(None, None, max(1, len(bins) // MOST_POINTS))
+    time, position = bins.time[step] + shift, bins.position[step] * scale
+    velocity = (run.velocity if run else bins.velocity)[step] * scale
+    for joint in range(1, len(scale) + 1):
+        colour = PALETTE[(joint - 1) % len(PALETTE)]
+        look = {"color": colour, "linewidth": 0.7, "alpha": 0.45, "zorder": 1}
+        if joint in joints:
+            look = {"color": colour, "linewidth": 1.7, "zorder": 3} if run else {"color": GREY, "linewidth": 0.8}
+            look["linestyle"] = "--" if run and run.kind == STROKE else "-"
+            above.plot(time, velocity[:, joint - 1], **look)
+        below.plot(time, position[:, joint - 1], **look)
+        if run and joint in joints:
+            above.fill_between(time, 0.0, velocity[:, joint - 1], color=colour, alpha=0.18, linewidth=0)
