@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27268,
-    "statements": 17028,
-    "modules": 162,
+    "lines": 27079,
+    "statements": 16889,
+    "modules": 158,
     "import depth": 12,
-    "lines of tests and tools": 22926,
+    "lines of tests and tools": 22921,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
