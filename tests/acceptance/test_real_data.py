@@ -15,29 +15,14 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-import real_data
+import real_data as real
 from published_loads import GEN3, UR3E, first_harmonic, loads
-from real_data import (
-    PENDULUM,
-    ROLLING,
-    SPEED,
-    TOGETHER,
-    combination,
-    experiment,
-    files,
-    folder,
-    ladder,
-    motor,
-    parameters,
-    run,
-    together,
-    tx40,
-    ur3e_halves,
-)
 
 pytestmark = [
     pytest.mark.realdata,
-    pytest.mark.skipif(not folder().is_dir(), reason="no public recordings here: set PUMAID_REAL_DATA to their folder"),
+    pytest.mark.skipif(
+        not real.folder().is_dir(), reason="no public recordings here: set PUMAID_REAL_DATA to their folder"
+    ),
 ]
 
 #: How the UR3e's other joints and the Gen3's are held (rad).
@@ -57,15 +42,15 @@ def scratch():
 @pytest.fixture(scope="module")
 def shoulder(scratch):
     """The UR3e's experiment folder and model."""
-    place = experiment(scratch / "ur3e", "ur3e", files(real_data.UR3E))
-    return place, run(place, "identify")[1]
+    place = real.experiment(scratch / "ur3e", "ur3e", real.files(real.UR3E))
+    return place, real.run(place, "identify")[1]
 
 
 @pytest.fixture(scope="module")
 def gen3(scratch):
     """The Gen3's experiment folder and model, from one file a joint."""
-    place = experiment(scratch / "gen3", "kinova_gen3", files(real_data.GEN3))
-    return place, run(place, "identify")[1]
+    place = real.experiment(scratch / "gen3", "kinova_gen3", real.files(real.GEN3))
+    return place, real.run(place, "identify")[1]
 
 
 @cache
@@ -74,9 +59,9 @@ def climbed(judged: str):
     place = Path(mkdtemp())
     try:
         if judged in ("first", "second"):
-            return ladder(ur3e_halves(place), [place / "logs" / f"{judged}.parquet"])
-        names = ROLLING if judged in ROLLING else SPEED
-        return ladder(experiment(place, "motor", motor(*names)), [place / "logs" / f"{judged}.parquet"])
+            return real.ladder(real.ur3e_halves(place), [place / "logs" / f"{judged}.parquet"])
+        names = real.ROLLING if judged in real.ROLLING else real.SPEED
+        return real.ladder(real.experiment(place, "motor", real.motor(*names)), [place / "logs" / f"{judged}.parquet"])
     finally:
         shutil.rmtree(place)
 
@@ -92,7 +77,7 @@ def half_sums():
 
     Friction that is alike both ways drops out; the acceleration's share, which is alike both ways, is fitted beside.
     """
-    table = pd.read_parquet(files(real_data.UR3E)[0])
+    table = pd.read_parquet(real.files(real.UR3E)[0])
     q, qdd, i = (table[name].to_numpy() for name in ("actual_q_1", "target_qdd_1", "actual_current_1"))
     moving = np.sign(table["target_qd_1"].to_numpy())
     edges = np.flatnonzero(np.diff(moving)) + 1
@@ -115,7 +100,7 @@ def test_published_load_of_the_ur3e_is_the_sum_of_its_levers():
 
 def test_every_ur3e_stroke_is_half_a_turn(shoulder):
     """Segment finds eleven strokes of joint 2, each 180 degrees but for its slow ends, both ways in turn."""
-    runs = run(shoulder[0], "segment")[1]["runs"]
+    runs = real.run(shoulder[0], "segment")[1]["runs"]
     assert [(entry["joint"], entry["kind"]) for entry in runs] == [(2, "stroke")] * 11
     assert [np.sign(entry["speed"]) for entry in runs] == [-1, 1] * 5 + [-1]
     assert all(abs(np.ptp(entry["span"])) > np.radians(178) for entry in runs)
@@ -123,10 +108,10 @@ def test_every_ur3e_stroke_is_half_a_turn(shoulder):
 
 #: Recipe -> recordings, and how many runs at constant speed each joint makes in them.
 SOUND = {
-    "ur3e": (files(real_data.UR3E), {}),
-    "kinova_gen3": (files(real_data.GEN3), dict.fromkeys(range(1, 8), 1)),
-    "pendulum2": (files(PENDULUM), {}),
-    "motor": (motor("speed_test"), {1: 2}),
+    "ur3e": (real.files(real.UR3E), {}),
+    "kinova_gen3": (real.files(real.GEN3), dict.fromkeys(range(1, 8), 1)),
+    "pendulum2": (real.files(real.PENDULUM), {}),
+    "motor": (real.motor("speed_test"), {1: 2}),
 }
 
 
@@ -134,7 +119,8 @@ SOUND = {
 def test_sound_recordings_raise_no_doubt(scratch, recipe):
     """No refusal, gap or doubt, every sample counted; a Kinova log is one run at its speed, two joints at once none."""
     paths, counts = SOUND[recipe]
-    code, found, errors = run(experiment(scratch / f"sound_{recipe}", recipe, paths), "segment", "--kinds", "constant")
+    place = real.experiment(scratch / f"sound_{recipe}", recipe, paths)
+    code, found, errors = real.run(place, "segment", "--kinds", "constant")
     # In some of the double pendulum's recordings a motor is off while its joint swings: its torque is 0 throughout.
     passive = {"current-frozen"} if recipe == "pendulum2" else set()
     assert code == 0 and set(re.findall(r"^note\[(.*?)\]", errors, re.MULTILINE)) <= {"joint-at-rest"} | passive
@@ -149,7 +135,8 @@ def test_sound_recordings_raise_no_doubt(scratch, recipe):
 
 def test_ur3e_gravity_is_that_of_half_sums_and_points_where_the_published_masses_do(shoulder):
     """1.79 A with the arm level; direction within two standard errors of the vendor's centres of mass."""
-    level, quarter = (combination(shoulder[1], f"joint 2 {where}") for where in ("at position 0", "a quarter turn on"))
+    texts = ("joint 2 at position 0", "joint 2 a quarter turn on")
+    level, quarter = (real.combination(shoulder[1], text) for text in texts)
     assert level["value"] == pytest.approx(-1.79, abs=0.02)
     assert half_sums()[0] == pytest.approx(level["value"], abs=0.02)
     zero, upright = first_harmonic(UR3E, UR3E_HELD, 2)
@@ -159,10 +146,10 @@ def test_ur3e_gravity_is_that_of_half_sums_and_points_where_the_published_masses
 def test_ur3e_recursion_alone_knows_its_errors(shoulder):
     """With one joint in the logs both steps are one: the recursion's errors are the joint estimate's, within 20 %."""
     place, model = shoulder
-    alone = run(place, "identify", "--recursive", "-o", str(place / "recursive.json"))[1]
-    for name, value in parameters(alone).items():
+    alone = real.run(place, "identify", "--recursive", "-o", str(place / "recursive.json"))[1]
+    for name, value in real.parameters(alone).items():
         if value["state"] == "identified":
-            assert value["std_error"] == pytest.approx(parameters(model)[name]["std_error"], rel=0.2)
+            assert value["std_error"] == pytest.approx(real.parameters(model)[name]["std_error"], rel=0.2)
 
 
 @pytest.mark.parametrize("judged", ["first", "second"])
@@ -180,8 +167,8 @@ def test_ur3e_strokes_not_fitted_are_predicted_and_a_ripple_is_found(judged):
 
 def test_ur3e_without_measured_currents_is_refused(scratch):
     """A recording of targets only lacks the recipe's columns; the message names them and the ones that are there."""
-    targets = folder() / "ur3e-aurt" / "currentData_100v_40a.parquet"
-    code, _, errors = run(experiment(scratch / "targets", "ur3e", [targets]), "segment")
+    targets = real.folder() / "ur3e-aurt" / "currentData_100v_40a.parquet"
+    code, _, errors = real.run(real.experiment(scratch / "targets", "ur3e", [targets]), "segment")
     assert code == 3
     assert all(word in errors for word in ("column-missing", "actual_q_0", "target_q_0"))
 
@@ -191,7 +178,7 @@ def test_gen3_single_parameters_are_not_identifiable(gen3):
 
     Link 7's weight lies along link 6's x axis where joint 7 was held, so that link 6's y is told.
     """
-    values = parameters(gen3[1])
+    values = real.parameters(gen3[1])
     assert {name for name, value in values.items() if value["value"] is not None} <= {"gravity.l6.y"}
     for joint in range(1, 8):
         assert "backward" in values[f"coulomb.j{joint}.minus"]["reason"]
@@ -203,7 +190,7 @@ def test_gen3_single_parameters_are_not_identifiable(gen3):
 
 def test_gen3_loads_stand_in_the_published_proportion(gen3):
     """Joints 2 and 4 have the same motor and gear, so their loads' ratio needs no torque constant."""
-    second, fourth = (combination(gen3[1], f"joint {joint} a quarter turn on") for joint in (2, 4))
+    second, fourth = (real.combination(gen3[1], f"joint {joint} a quarter turn on") for joint in (2, 4))
     ratio = second["value"] / fourth["value"]
     error = ratio * math.hypot(*(load["std_error"] / load["value"] for load in (second, fourth)))
     wanted = first_harmonic(GEN3, GEN3_HOME, 2)[1] / first_harmonic(GEN3, GEN3_HOME, 4)[1]
@@ -213,7 +200,7 @@ def test_gen3_loads_stand_in_the_published_proportion(gen3):
 
 def test_gen3_shares_are_only_what_the_logs_tell_apart(gen3):
     """Friction at one speed has no Coulomb and viscous shares; weight has one where the joint turned two radians."""
-    shares = [set(joint["shares"]) for joint in run(gen3[0], "compare")[1]["joints"]]
+    shares = [set(joint["shares"]) for joint in real.run(gen3[0], "compare")[1]["joints"]]
     assert not any({"coulomb", "viscous"} & names for names in shares)
     assert {"gravity", "coulomb+viscous"} < shares[3]
     assert "gravity+coulomb+viscous" in shares[1]
@@ -221,16 +208,17 @@ def test_gen3_shares_are_only_what_the_logs_tell_apart(gen3):
 
 def test_gen3_joints_moving_together_are_predicted(gen3, scratch):
     """Five recordings of all joints that the fit never saw: less than 70 % of each joint's current is left."""
-    unseen = experiment(scratch / "together", "kinova_gen3", files(TOGETHER))
+    unseen = real.experiment(scratch / "together", "kinova_gen3", real.files(real.TOGETHER))
     shutil.copytree(gen3[0] / "results", unseen / "results")
-    for joint, rms in together(run(unseen, "compare")[1]).items():
-        currents = [pd.read_parquet(path, columns=[f"Cur{joint}"]).to_numpy().ravel() for path in files(TOGETHER)]
+    for joint, rms in real.together(real.run(unseen, "compare")[1]).items():
+        tables = [pd.read_parquet(path, columns=[f"Cur{joint}"]) for path in real.files(real.TOGETHER)]
+        currents = [table.to_numpy().ravel() for table in tables]
         assert rms < 0.7 * float(np.sqrt(np.mean(np.concatenate(currents) ** 2)))
 
 
 def test_gen3_shows_no_law_of_friction(gen3):
     """One run a joint, one way, at one speed: whatever is named is a ripple at a multiple of 100 waves a turn."""
-    for finding in run(gen3[0], "diagnose")[1]["findings"]:
+    for finding in real.run(gen3[0], "diagnose")[1]["findings"]:
         assert finding["effect"] == "ripple"
         waves = finding["shape"]["frequency"]
         assert waves == pytest.approx(100.0 * round(waves / 100.0), abs=0.5)
@@ -238,7 +226,7 @@ def test_gen3_shows_no_law_of_friction(gen3):
 
 def test_gears_of_a_tx40_at_work(scratch):
     """Nine seconds of all joints: ratios of gains are those of its gears (32, 32, 45), the last are not told."""
-    values = parameters(run(tx40(scratch / "tx40"), "identify")[1])
+    values = real.parameters(real.run(real.tx40(scratch / "tx40"), "identify")[1])
     for name, gears in (("gain_ratio.1.2", 32.0 / 32.0), ("gain_ratio.2.3", 45.0 / 32.0)):
         assert values[name]["value"] == pytest.approx(gears, abs=3.0 * values[name]["std_error"])
         assert values[name]["std_error"] < 0.06
@@ -247,39 +235,39 @@ def test_gears_of_a_tx40_at_work(scratch):
 
 def test_load_friction_of_a_double_pendulum_at_work(scratch):
     """It is named on both joints, and nothing else; others measured 0.065 to 0.069 of the load."""
-    place = experiment(scratch / "dfki", "pendulum2", files(PENDULUM))
-    ratio = parameters(run(place, "identify")[1])["gain_ratio.1.2"]
+    place = real.experiment(scratch / "dfki", "pendulum2", real.files(real.PENDULUM))
+    ratio = real.parameters(real.run(place, "identify")[1])["gain_ratio.1.2"]
     assert ratio["value"] == pytest.approx(1.0, abs=0.1) and ratio["std_error"] < 0.03
-    findings = run(place, "diagnose")[1]["findings"]
+    findings = real.run(place, "diagnose")[1]["findings"]
     assert [(finding["effect"], finding["joint"]) for finding in findings] == [
         ("load_friction", 1),
         ("load_friction", 2),
     ]
-    sums = run(place, "identify", "--add", "load_friction@1")[1]["combinations"]
+    sums = real.run(place, "identify", "--add", "load_friction@1")[1]["combinations"]
     both = next(entry for entry in sums if "load_friction.j1.drive" in entry["terms"])
     assert both["value"] == pytest.approx(0.067, abs=0.006)
-    sums = run(place, "identify", "--add", "load_friction@1", "--add", "load_friction@2")[1]["combinations"]
+    sums = real.run(place, "identify", "--add", "load_friction@1", "--add", "load_friction@2")[1]["combinations"]
     each = [entry["value"] for entry in sums if entry["text"].startswith("load_friction")]
     assert each == pytest.approx([0.07, 0.07], abs=0.012)
 
 
 def test_one_speed_of_a_bare_motor_gives_one_sum(scratch):
     """A motor rolling at one speed: Coulomb and viscous friction stay apart from each other, their sum is told."""
-    model = run(experiment(scratch / "rolling", "motor", motor("rolling_data1")), "identify")[1]
-    assert [name for name, value in parameters(model).items() if value["value"] is not None] == []
-    assert combination(model, "friction of joint 1 forward")["value"] == pytest.approx(0.092, abs=0.003)
+    model = real.run(real.experiment(scratch / "rolling", "motor", real.motor("rolling_data1")), "identify")[1]
+    assert [name for name, value in real.parameters(model).items() if value["value"] is not None] == []
+    assert real.combination(model, "friction of joint 1 forward")["value"] == pytest.approx(0.092, abs=0.003)
 
 
 def test_motor_held_still_needs_current_for_its_magnets_and_slots():
     """Without pumaid: at standstill 72 = lcm(24, 18) waves a turn lead; slots, pole pairs and magnets follow."""
-    table = pd.read_parquet(motor("stopped_data")[0])
+    table = pd.read_parquet(real.motor("stopped_data")[0])
     angles = np.outer(np.arange(1, 131), table["Position"].to_numpy(dtype=float))
     rest = table["Iq"].to_numpy(dtype=float) - table["Iq"].mean()
     size = np.abs(np.cos(angles) @ rest + 1j * (np.sin(angles) @ rest))
     assert list(np.argsort(-size)[:4] + 1) == [math.lcm(MAGNETS, SLOTS), SLOTS, POLE_PAIRS, MAGNETS]
 
 
-@pytest.mark.parametrize("name", ROLLING)
+@pytest.mark.parametrize("name", real.ROLLING)
 def test_each_rolling_file_is_predicted_better_by_the_others_ripples(name):
     """At 51 rad/s: 12 and 36 waves a turn; each added ripple lowers the unseen file's error, a third in all."""
     models, _ = climbed(name)
@@ -289,7 +277,7 @@ def test_each_rolling_file_is_predicted_better_by_the_others_ripples(name):
     assert errors[-1] < 0.67 * errors[0]
 
 
-@pytest.mark.parametrize("name", SPEED)
+@pytest.mark.parametrize("name", real.SPEED)
 def test_nothing_but_the_motors_multiples_is_added_to_speed_tests(name):
     """Whatever passes is the rotor's inertia or a ripple of slots or pole pairs; the unseen file gains by it."""
     models, _ = climbed(name)
@@ -307,7 +295,7 @@ def test_document_tells_what_comes_out():
     rows = re.findall(
         r"^\| (?:UR3e|bare motor) \| (\w+)(?: half)? \| ([^|]+) \| ([\d., ]+) \| ([\d., ]+) \|$", page, re.M
     )
-    assert {row[0] for row in rows} == {"first", "second", *ROLLING, *SPEED}
+    assert {row[0] for row in rows} == {"first", "second", *real.ROLLING, *real.SPEED}
     for judged, added, fitted, heldout in rows:
         models, _ = climbed(judged)
         names = [effect["effect"] for model in models[1:] for effect in model["added"]]

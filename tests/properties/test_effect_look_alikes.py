@@ -35,17 +35,9 @@ def campaign(joint: int, *, bins: int = 40) -> Samples:
     position, velocity, acceleration, direction, time, travel = (
         np.concatenate(part) for part in zip(*runs, strict=True)
     )
-    warm = 25.0 + 20.0 * (1.0 - np.exp(-time / 400.0))
-    number = np.repeat(np.arange(len(runs)), bins)
-    given = {
-        "direction": direction,
-        "time": time,
-        "elapsed": time,
-        "travel": travel,
-        "temperature": warm,
-        "run": number,
-    }
-    return Samples(joint, position, velocity, acceleration=acceleration, **given)
+    more = {"elapsed": time, "temperature": 25.0 + 20.0 * (1.0 - np.exp(-time / 400.0))}
+    more["run"] = np.repeat(np.arange(len(runs)), bins)
+    return Samples(joint, position, velocity, acceleration, direction, time=time, travel=travel, **more)
 
 
 def solution() -> np.ndarray:

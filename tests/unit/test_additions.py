@@ -23,15 +23,9 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
     monkeypatch.setattr("pumaid.estimation.estimate.identify", lambda *args, **more: stretched(estimate, factor))
     found = Finding("spring", 1, {}, ADD, "", 0.001, rivals=("counterbalance",))
     diagnosis = Diagnosis(lab.robot.name, (), (found,))
-    done, last = added(
-        diagnosis,
-        estimate,
-        Dataset(lab.runs),
-        robot=lab.robot,
-        model=tmp_path / "model.json",
-        again=lambda model: replace(diagnosis, findings=()),
-        tell=told.append,
-    )
+    more = {"model": tmp_path / "model.json", "tell": told.append}
+    more["again"] = lambda model: replace(diagnosis, findings=())
+    done, last = added(diagnosis, estimate, Dataset(lab.runs), robot=lab.robot, **more)
     assert len(done.applied) == kept
     assert last.joints[0].rmse == pytest.approx(0.02 * (factor if kept else 1.0))
     assert ("Not added" in told[0]) is (kept == 0) and len(told) == 1

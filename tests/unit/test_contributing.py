@@ -6,7 +6,6 @@ from pathlib import Path
 import jinja2
 import numpy as np
 import pytest
-import report_contexts
 from click.testing import CliRunner
 
 import pumaid.effects
@@ -116,23 +115,21 @@ def test_a_log_format_is_one_file(added, tmp_path):
     assert np.allclose(log.current, rows[:, 3:])
 
 
-def test_a_report_section_is_one_file_and_its_template(added, tmp_path, monkeypatch):
+def test_a_report_section_is_one_file_and_its_template(added, context, tmp_path, monkeypatch):
     """It stands on the page at the place that its order says."""
     added(pumaid.reporting.page, SECTION)
     (tmp_path / "dummy.html").write_text("<p>{{ words }}</p>", encoding="utf-8")
     package = jinja2.PackageLoader
     both = lambda name: jinja2.ChoiceLoader([package(name), jinja2.FileSystemLoader(tmp_path)])  # noqa: E731
     monkeypatch.setattr(jinja2, "PackageLoader", both)
-    context = report_contexts.small()
     contents = all_contents(context)
     text = page(context, contents, dict.fromkeys((drawing.name for drawing in all_figures(contents)), "<svg/>"))
     assert "Dummy section" in text and f"This is {context.robot.name}." in text
 
 
-def test_an_export_is_one_file(added):
+def test_an_export_is_one_file(added, context):
     """It is a form like any other."""
     added(pumaid.exports.formats, FORM)
-    context = report_contexts.small()
     assert export(context.estimate, context.robot, form="dummy").files[".txt"].startswith("[[1.0")
 
 

@@ -5,20 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from worlds import (
-    CRANE,
-    PENDULUM,
-    STANFORD,
-    course,
-    dataset,
-    drawn,
-    experiment,
-    identified,
-    only,
-    puma,
-    run_of,
-    truth_in_units,
-)
+import worlds
+from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, identified, only, truth_in_units
 
 from pumaid.dataset import Campaign, Dataset
 from pumaid.diagnosis.compare import compare
@@ -35,7 +23,7 @@ from pumaid.trajectory import Plan
 EXACT = 1e-9
 #: A: the root of what double precision loses of currents squared, times ten.
 ROUNDING = 1e-7
-PAPER, QUIET = table1.experiment(), puma(noisy=False)
+PAPER, QUIET = table1.experiment(), worlds.puma(noisy=False)
 FRICTION = [(effect, side) for effect in ("coulomb", "viscous") for side in ("plus", "minus")]
 CASES = {"puma": (QUIET, PAPER), "stanford": (drawn(STANFORD, noisy=False), experiment(STANFORD))}
 
@@ -344,9 +332,9 @@ def test_inertia_of_strokes_is_not_added_twice():
     """Runs from rest to rest bring their inertia with them; adding it changes nothing."""
     runs = []
     for sign in (1, -1, 1, -1):
-        moves = course("stroke", -1.0 * sign, 1.2 * sign, duration=2.0 + 0.3 * sign)
+        moves = worlds.course("stroke", -1.0 * sign, 1.2 * sign, duration=2.0 + 0.3 * sign)
         current = np.cos(moves[1]) + 0.3 * sign + 0.05 * moves[3]
-        runs.append(run_of(CRANE, 1, (0.0, 0.1, 0.2), course=moves, current=current))
+        runs.append(worlds.run_of(CRANE, 1, (0.0, 0.1, 0.2), course=moves, current=current))
     estimate = identify(Dataset(tuple(runs)), CRANE, effects=[EffectChoice("inertia", 1)])
     assert estimate.effects == () and "inertia.j1.J" not in estimate.names
     # Without word on effects the recipe's are fitted.

@@ -329,7 +329,7 @@ def running(path: Path) -> list[object]:
 
     Formulas of effects are code of the package, or of a file of effects that the user names; no data becomes one.
     """
-    modules = (
+    modules = [
         "pickle",
         "cPickle",
         "dill",
@@ -340,7 +340,7 @@ def running(path: Path) -> list[object]:
         "code",
         "codeop",
         "jsonpickle",
-    )
+    ]
     names = ("eval", "exec", "compile", "__import__", "os.system", "os.popen", "pd.read_pickle", "yaml.unsafe_load")
     unsafe = [name for name in imports(path) if name.split(".")[0] in modules]
     unsafe += [call for call in calls(path) if call[0] in names]

@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 import diagnoses
 import numpy as np
 import pytest
-import report_contexts
 from ladders import ladder
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Polygon
@@ -26,14 +25,8 @@ PUMA = diagnoses.PUMA
 
 
 @pytest.fixture(scope="module")
-def context():
-    """A small arm with its model and logs."""
-    return report_contexts.small()
-
-
-@pytest.fixture(scope="module")
 def figures(context):
-    """Every figure of its report by name."""
+    """Every figure of the small arm's report by name."""
     return {drawing.name: drawing for drawing in all_figures(all_contents(context))}
 
 

@@ -14,7 +14,7 @@ import report_contexts
 from ladders import experiment
 
 from pumaid.reporting.documents import parameters_as, parameters_frame
-from pumaid.reporting.page import all_contents, all_figures, page, report_files
+from pumaid.reporting.page import all_contents, all_figures, page, report_files, standard
 from pumaid.results.history import ladder_of
 
 
@@ -62,14 +62,13 @@ def html(files):
     return files["report.html"].decode()
 
 
-def words_of(context, *drawn: str) -> str:
-    """A page whose words are looked at: of its figures only those with names in `drawn` are drawn."""
-    contents = all_contents(context)
-    pictures = {
-        drawing.name: drawing.file("inline").decode() if drawing.name in drawn else "<svg/>"
-        for drawing in all_figures(contents)
-    }
-    return page(context, contents, pictures)
+def words_of(context, *names: str, drawn: str = "") -> str:
+    """A page of these sections whose words are looked at: of its figures only `drawn` is drawn."""
+    contents = [(section, section.content(context)) for section in standard.SECTIONS if section.name in names]
+    shown = [(section, content) for section, content in contents if content is not None]
+    figures = {figure.name: figure for figure in all_figures(shown)}
+    pictures = dict.fromkeys(figures, "<svg/>")
+    return page(context, shown, pictures | ({drawn: figures[drawn].file("inline").decode()} if drawn else {}))
 
 
 def section(html: str, name: str) -> str:
@@ -96,7 +95,9 @@ def test_page_needs_nothing_from_outside(html):
 
 def test_names_are_text_not_markup():
     """A hostile name of arm, joint or file stands on the page as it is written."""
-    parsed = outline(words_of(report_contexts.hostile(), "spent"))
+    parsed = outline(
+        words_of(report_contexts.hostile(), "summary", "data", "parameters", drawn="spent")
+    )
     assert "script" not in parsed.tags
     assert any(report_contexts.HOSTILE in text for text in parsed.texts)
 
@@ -111,7 +112,7 @@ def test_summary_comes_before_tables(context, html):
 def test_one_direction_is_not_explained_as_two(context, html):
     """Half sums and half differences are mentioned only where a joint moves in both directions."""
     runs = tuple(score for score in context.comparison.runs if score.run.direction > 0)
-    ahead = words_of(replace(context, comparison=replace(context.comparison, runs=runs)))
+    ahead = words_of(replace(context, comparison=replace(context.comparison, runs=runs)), "prediction")
     assert "half the difference is friction" in html and "half the difference is friction" not in ahead
 
 
@@ -126,23 +127,23 @@ def test_a_diagnosis_has_evidence_figures_and_command(html):
 
 def test_stale_and_clean_diagnoses_say_so(context):
     """A diagnosis of another model has a warning first; a clean one its limits; without one there is no section."""
-    old = section(words_of(replace(context, stale=("It is of another model.",))), "diagnosis")
+    old = section(words_of(replace(context, stale=("It is of another model.",)), "diagnosis"), "diagnosis")
     assert old.index("It is of another model.") < old.index("stribeck")
     quiet = (replace(diagnoses.quiet(1), limits=diagnoses.limits(1)), diagnoses.quiet(2))
     clean = replace(context, diagnosis=replace(diagnoses.clean(), joints=quiet))
-    part = section(words_of(clean), "diagnosis")
+    part = section(words_of(clean, "diagnosis"), "diagnosis")
     assert "nothing is missing that these data can show." in part and "detected with a probability of 80 %" in part
-    assert 'id="diagnosis"' not in words_of(replace(context, diagnosis=None))
+    assert 'id="diagnosis"' not in words_of(replace(context, diagnosis=None), "diagnosis")
 
 
 def test_history_is_shown_where_there_are_several_models(tmp_path, context):
     """With several models the page has the section, its figure and tables; with one it has none."""
     path = experiment(tmp_path / "results")
     several = replace(context, ladder=ladder_of(path))
-    html = words_of(several)
+    html = words_of(several, "history")
     assert 'id="history"' in html and "figure-ladder" in html and "+ stribeck@1" in html
     alone = replace(several, ladder=replace(several.ladder, rungs=several.ladder.rungs[:1]))
-    assert 'id="history"' not in words_of(alone)
+    assert 'id="history"' not in words_of(alone, "history")
     assert ladder_of(tmp_path / "model.json") is None and ladder_of(Path("-")) is None
 
 

@@ -36,12 +36,6 @@ def paper():
     return report_contexts.table_one()
 
 
-@pytest.fixture(scope="module")
-def context():
-    """A small arm with its model and logs."""
-    return report_contexts.small()
-
-
 def row(table, label):
     """The cells of the row whose head begins with `label`."""
     return next(cells for cells in table.cells if cells[0].text.startswith(label))

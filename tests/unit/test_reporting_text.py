@@ -28,12 +28,6 @@ from pumaid.robot import EffectChoice
 PUMA = diagnoses.PUMA
 
 
-@pytest.fixture(scope="module")
-def context():
-    """A small arm with its model and logs."""
-    return report_contexts.small()
-
-
 # Numbers
 
 

@@ -142,19 +142,11 @@ PENDULUM = read_recipe(shipped_recipes()["pendulum2"])
 
 def noted(tables: tuple[pd.DataFrame, ...]) -> list[tuple[str, str]]:
     """Slug and text of the notes on logs with these tables, one file each."""
-    logs = [
-        Log(
-            origin=f"log_{number}.csv",
-            rows=np.arange(2, 2 + len(table)),
-            time=table.t.to_numpy(),
-            position=table[["q1", "q2"]].to_numpy(),
-            velocity=None,
-            current=table[["i1", "i2"]].to_numpy(),
-            temperature=None,
-            starts_clock=number == 1,
-        )
-        for number, table in enumerate(tables, start=1)
-    ]
+    logs = []
+    for number, table in enumerate(tables, start=1):
+        q, i = table[["q1", "q2"]].to_numpy(), table[["i1", "i2"]].to_numpy()
+        rows, time = np.arange(2, 2 + len(table)), table.t.to_numpy()
+        logs.append(Log(f"log_{number}.csv", rows, time, q, None, i, starts_clock=number == 1))
     return [(note.slug, note.text) for note in identify(segment(logs, PENDULUM), PENDULUM).notes]
 
 
