@@ -21,6 +21,15 @@ def reach(robot: Robot) -> np.ndarray:
     return 0.45 * np.ptp(np.clip(limits, -2.0, 2.0), axis=1)
 
 
+def fourier(rng: np.random.Generator, joints: int, seconds: float, rate: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(N,) times, and positions, velocities and accelerations (J, N) of five harmonics of a tenth of a hertz."""
+    t = np.arange(0.0, seconds, 1.0 / rate)
+    w = 2.0 * np.pi * 0.1 * np.arange(1, 6)[:, None, None]
+    size, phase = rng.uniform(0.2, 0.6, (5, joints, 1)), rng.uniform(0.0, 2.0 * np.pi, (5, joints, 1))
+    parts = size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w**2 * np.sin(w * t + phase)
+    return t, [part.sum(axis=0) for part in parts]
+
+
 def waves(rng: np.random.Generator, seconds: float, farthest: np.ndarray) -> np.ndarray:
     """(N, J) positions: five harmonics of a tenth of a hertz, within `farthest` (J,) and the highest speed."""
     t = np.arange(0.0, seconds, 1.0 / (RATE * TICKS))[:, None, None]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from scipy.signal import lfilter
 from worlds import PENDULUM, TURN, arm
 
 from pumaid.dataset import Dataset, Run
@@ -63,18 +64,12 @@ class Din:
     def draw(self, rng: np.random.Generator, lengths: Sequence[int]) -> np.ndarray:
         """(N,) A over runs of these lengths, bin after bin."""
         parts = []
-        for length in lengths:
-            shocks = self._shocks(rng, length + 1)
-            course = np.empty(length)
-            course[0] = shocks[0]
-            for k in range(1, length):
-                course[k] = self.correlation * course[k - 1] + np.sqrt(1.0 - self.correlation**2) * shocks[k]
+        for count in lengths:
+            shocks = rng.standard_t(3, count + 1) / np.sqrt(3.0) if self.is_heavy else rng.standard_normal(count + 1)
+            shocks[1:count] *= np.sqrt(1.0 - self.correlation**2)
+            course = lfilter([1.0], [1.0, -self.correlation], shocks[:count])
             parts.append(self.spread * course + self.level * shocks[-1])
         return np.concatenate(parts)
-
-    def _shocks(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Unit variance."""
-        return rng.standard_t(3, count) / np.sqrt(3.0) if self.is_heavy else rng.standard_normal(count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,27 +133,16 @@ def pendulum() -> Lab:
     return Lab.of(PENDULUM, design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2)))
 
 
-def covariance(bins: JointBins, noise: NoiseModel) -> np.ndarray:
-    """(N, N) A2 that `noise` states, element by element."""
-    out = np.zeros((len(bins), len(bins)))
-    for a in range(len(bins)):
-        for b in range(len(bins)):
-            run = int(bins.samples.run[a])
-            if run == int(bins.samples.run[b]):
-                fall = noise.correlation[run] ** abs(a - b)
-                out[a, b] = noise.spread[run] ** 2 * fall + noise.level[run] ** 2
-    return out
+def covariances(bins: JointBins, noise: NoiseModel) -> list[np.ndarray]:
+    """Of each run, the covariance (A2) that `noise` states."""
+    lags = [np.abs(np.subtract.outer(np.arange(length), np.arange(length))) for length in bins.lengths]
+    parts = zip(lags, noise.spread, noise.correlation, noise.level, strict=True)
+    return [spread**2 * correlation**lag + level**2 for lag, spread, correlation, level in parts]
 
 
 def roots(bins: JointBins, noise: NoiseModel) -> list[np.ndarray]:
-    """Of each run, the inverse of the Cholesky factor of the covariance that `noise` states."""
-    found = []
-    for run in range(len(bins.runs)):
-        own = np.flatnonzero(bins.samples.run == run)
-        lag = np.abs(own[:, None] - own[None, :])
-        stated = noise.spread[run] ** 2 * noise.correlation[run] ** lag + noise.level[run] ** 2
-        found.append(np.linalg.inv(np.linalg.cholesky(stated)))
-    return found
+    """Of each run, the inverse of the Cholesky factor of its covariance."""
+    return [np.linalg.inv(np.linalg.cholesky(stated)) for stated in covariances(bins, noise)]
 
 
 def whitened(bins: JointBins, noise: NoiseModel, values: np.ndarray) -> np.ndarray:

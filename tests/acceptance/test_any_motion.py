@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from free_motion import picks, reach, recorded, true_values, waves
+from free_motion import fourier, picks, reach, recorded, true_values, waves
 
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
@@ -23,39 +23,19 @@ SECONDS, RATE, SIGMA = 60.0, 50.0, 0.02
 GAINS = np.array([0.10, -0.085, 0.11, -0.15, 0.19, -0.17])
 
 
-def arm():
-    """pinocchio's model of the shipped UR5e, by its modified Denavit-Hartenberg frames."""
-    pin = pytest.importorskip("pinocchio")
-    robot, model, parent = read_recipe(shipped_recipes()["ur5e"]), pin.Model(), 0
-    for joint in robot.joints:
-        c, s = np.cos(joint.alpha), np.sin(joint.alpha)
-        turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        place = pin.SE3(turn, np.array([joint.a, -s * joint.d, c * joint.d]))
-        parent = model.addJoint(parent, pin.JointModelRZ(), place, joint.name)
-    return pin, model
-
-
-def motion(rng: np.random.Generator, joints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N, J) positions, velocities and accelerations of all joints at once: five harmonics of a tenth of a hertz."""
-    t = np.arange(0.0, SECONDS, 1.0 / RATE)
-    w = 2.0 * np.pi * 0.1 * np.arange(1, 6)[:, None, None]
-    size, phase = rng.uniform(0.2, 0.6, (5, 1, joints)), rng.uniform(0.0, 2.0 * np.pi, (5, 1, joints))
-    angle = w * t[None, :, None] + phase
-    waves = size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle)
-    return waves[0].sum(0), waves[1].sum(0), waves[2].sum(0)
-
-
 def test_the_rigid_body_of_any_motion_is_the_same_call():
     """From 60 s of all joints moving at once: friction within 2 %, ratios within 3 %, and what is left is the noise."""
-    pin, model = arm()
-    rng, n = np.random.default_rng(4), model.nq
-    data, (q, v, a) = model.createData(), motion(rng, model.nq)
-    full = np.array([pin.computeJointTorqueRegressor(model, data, *row) for row in zip(q, v, a, strict=True)])
+    pin, engines = pytest.importorskip("pinocchio"), pytest.importorskip("engines")
+    rng, n = np.random.default_rng(4), 6
+    q, v, a = (part.T for part in fourier(rng, n, SECONDS, RATE)[1])
     # Masses falling outward, centres within a span of the link, inertias that go with them.
-    true = np.zeros(0)
-    for mass in (4.0, 8.0, 3.0, 1.5, 1.2, 0.6):
-        body = pin.Inertia(mass, rng.uniform(-0.1, 0.1, 3), np.diag(rng.uniform(0.5, 1.0, 3) * 0.02 * mass))
-        true = np.append(true, body.toDynamicParameters())
+    bodies = [
+        pin.Inertia(mass, rng.uniform(-0.1, 0.1, 3), np.diag(rng.uniform(0.5, 1.0, 3) * 0.02 * mass))
+        for mass in (4.0, 8.0, 3.0, 1.5, 1.2, 0.6)
+    ]
+    model = engines.pinocchio_model(read_recipe(shipped_recipes()["ur5e"]), bodies)
+    data, true = model.createData(), np.concatenate([body.toDynamicParameters() for body in bodies])
+    full = np.array([pin.computeJointTorqueRegressor(model, data, *row) for row in zip(q, v, a, strict=True)])
     friction = rng.uniform(0.5, 1.0, (n, 2))
     torque = full @ true
     drive = np.stack([np.sign(v), v], axis=2)

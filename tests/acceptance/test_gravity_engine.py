@@ -14,6 +14,7 @@ from pumaid.robot import Robot
 from pumaid.simulation.virtual_robot import Links, constants, gravity_load
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
+engines = pytest.importorskip("engines")
 
 #: Relative to the largest torque (N m or N): what sums of a dozen products lose in double precision, times 1e3.
 EXACT = 1e-9
@@ -29,16 +30,8 @@ def random_links(robot: Robot, rng: np.random.Generator) -> Links:
 
 def holding(robot: Robot, links: Links, position: np.ndarray) -> np.ndarray:
     """(N, J) torques and forces that hold the arm still, by the engine."""
-    model, parent = pin.Model(), 0
-    for joint, mass, centre in zip(robot.joints, links.mass, links.centre, strict=True):
-        before = pin.SE3(pin.utils.rotate("x", joint.alpha), np.array([joint.a, 0.0, 0.0]))
-        offset = pin.SE3(pin.utils.rotate("z", joint.theta), np.array([0.0, 0.0, joint.d]))
-        kind = pin.JointModelRZ() if joint.is_revolute else pin.JointModelPZ()
-        parent = model.addJoint(parent, kind, before * offset, joint.name)
-        model.appendBodyToJoint(parent, pin.Inertia(mass, centre, np.eye(3)), pin.SE3.Identity())
-    model.gravity.linear = np.array(robot.gravity)
-    data = model.createData()
-    return np.array([pin.computeGeneralizedGravity(model, data, q).copy() for q in position])
+    bodies = [pin.Inertia(mass, centre, np.eye(3)) for mass, centre in zip(links.mass, links.centre, strict=True)]
+    return engines.held_by_pinocchio(engines.pinocchio_model(robot, bodies), position)
 
 
 def postures(robot: Robot, rng: np.random.Generator, *, count: int = 80) -> np.ndarray:

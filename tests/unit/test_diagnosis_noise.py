@@ -4,7 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from searches import LEVER, Din, Lab, covariance, design, lever
+from scipy.linalg import block_diag
+from searches import LEVER, Din, Lab, covariances, design, lever
 from worlds import course, run_of
 
 from pumaid.dataset import Campaign
@@ -31,9 +32,9 @@ NO_LEVEL = NoiseModel(STATED.correlation, STATED.spread, np.zeros(4), from_repli
 
 @pytest.mark.parametrize("stated", [STATED, NO_LEVEL])
 def test_whitening_is_an_inverse_root_of_the_covariance(stated):
-    """W' W times the covariance that is stated, made element by element, is the identity; unwhitening is W'."""
+    """W' W times the covariance that is stated is the identity; unwhitening is W'."""
     root = stated.whiten(uneven(), np.eye(len(uneven())))
-    np.testing.assert_allclose(root.T @ root @ covariance(uneven(), stated), np.eye(22), atol=1e-9)
+    np.testing.assert_allclose(root.T @ root @ block_diag(*covariances(uneven(), stated)), np.eye(22), atol=1e-9)
     v = np.random.default_rng(1).normal(size=len(uneven()))
     np.testing.assert_allclose(stated.unwhiten(uneven(), v), root.T @ v, rtol=1e-10, atol=1e-8)
 

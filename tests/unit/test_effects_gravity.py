@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 import pytest
+from engines import held_by_mujoco
 from worlds import CRANE, PENDULUM, STANFORD
 
 from pumaid.effects import Samples, catalogue
 from pumaid.model import Model, loads
 from pumaid.robot import Robot
 from pumaid.simulation import table1
-
-mujoco = pytest.importorskip("mujoco", reason="the engine is mujoco (pip install pumaid[test])")
 
 ARMS = {"puma": table1.robot(), "stanford": STANFORD, "crane": CRANE, "pendulum": PENDULUM}
 #: Every joint of every arm.
@@ -58,13 +58,7 @@ class World:
 
     def currents(self, position: np.ndarray, tilt: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """(N, J) A that hold the arm still, by the engine."""
-        model = self.engine(tilt)
-        data, found = mujoco.MjData(model), []
-        for q in position:
-            data.qpos[:] = q
-            mujoco.mj_forward(model, data)
-            found.append(data.qfrc_bias.copy())
-        return np.array(found) * self.gains
+        return held_by_mujoco(self.engine(tilt), position) * self.gains
 
     def seen(self, joint: int, seed: int = 0) -> Samples:
         """Random postures of a moving joint with the loads of a model that was fitted to the engine's currents."""

@@ -15,6 +15,7 @@ from tests.worlds import random_arm
 
 pin = pytest.importorskip("pinocchio", reason="an engine is pinocchio (pip install pumaid[test])")
 mujoco = pytest.importorskip("mujoco", reason="an engine is mujoco (pip install pumaid[test])")
+engines = pytest.importorskip("tests.engines")
 
 #: Relative to the largest load: engines turn angles into rotations and back.
 EXACT = 1e-9
@@ -42,24 +43,13 @@ def by_pinocchio(text: str, robot, position: np.ndarray) -> np.ndarray:
     """(N, J) N m that hold the URDF's arm; the world's gravity is along -z and as large as the recipe's."""
     model = pin.buildModelFromXML(text)
     model.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(robot.gravity)])
-    data, out = model.createData(), []
-    for q in position:
-        turned = [
-            [np.cos(at), np.sin(at)] if joint.nq == 2 else [at] for at, joint in zip(q, model.joints[1:], strict=True)
-        ]
-        out.append(pin.computeGeneralizedGravity(model, data, np.concatenate(turned)).copy())
-    return np.array(out)
+    position = [pin.integrate(model, pin.neutral(model), q) for q in position]
+    return engines.held_by_pinocchio(model, position)
 
 
 def by_mujoco(text: str, position: np.ndarray) -> np.ndarray:
     """(N, J) N m that hold the MJCF's arm."""
-    model = mujoco.MjModel.from_xml_string(text)
-    data, out = mujoco.MjData(model), []
-    for q in position:
-        data.qpos[:] = q
-        mujoco.mj_forward(model, data)
-        out.append(data.qfrc_bias.copy())
-    return np.array(out)
+    return engines.held_by_mujoco(mujoco.MjModel.from_xml_string(text), position)
 
 
 def tilted(robot):

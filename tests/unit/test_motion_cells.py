@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from free_motion import fourier
 from test_rigid_body import engine, torques
 
 from pumaid.dataset import Log
@@ -14,22 +15,13 @@ from pumaid.rigid_body import base_parameters
 SECONDS, RATE = 30.0, 250.0
 
 
-def motion(rng: np.random.Generator, joints: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(N,) times, and positions, velocities and accelerations (J, N) of five harmonics of a tenth of a hertz."""
-    t = np.arange(0.0, SECONDS, 1.0 / RATE)
-    w = 2.0 * np.pi * 0.1 * np.arange(1, 6)[:, None, None]
-    size, phase = rng.uniform(0.2, 0.6, (5, joints, 1)), rng.uniform(0.0, 2.0 * np.pi, (5, joints, 1))
-    waves = size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w**2 * np.sin(w * t + phase)
-    return t, [wave.sum(axis=0) for wave in waves]
-
-
 @pytest.mark.parametrize("length", [0.024, 0.1])
 def test_one_filter_for_all_leaves_least_squares_the_truth(length):
     """The torque of exact accelerations is explained to the error of differences, however long the cells are."""
     rng = np.random.default_rng(2)
     robot = read_recipe(shipped_recipes()["puma560"])
     model, _ = engine(robot, rng)
-    t, exact = motion(rng, robot.n_joints)
+    t, exact = fourier(rng, robot.n_joints, SECONDS, RATE)
     torque = torques(model, exact)
     table = cells(t, exact[0].T, torque.T, body=base_parameters(robot), length=length)
     assert table.step == pytest.approx(length, abs=0.5 / RATE)
@@ -48,7 +40,7 @@ def test_cells_where_a_joint_may_stick_or_was_not_measured_have_no_current():
     """A current that is missing for one sample is missing in the three cells whose windows hold it."""
     rng = np.random.default_rng(5)
     robot = read_recipe(shipped_recipes()["pendulum2"])
-    t, (q, rate, _) = motion(rng, 2)
+    t, (q, rate, _) = fourier(rng, 2, SECONDS, RATE)
     current = np.ones_like(q.T)
     current[4000, 1] = np.nan
     table = cells(t, q.T, current, body=base_parameters(robot), length=0.04)
@@ -63,7 +55,7 @@ def test_cells_where_a_joint_may_stick_or_was_not_measured_have_no_current():
 def test_coarse_encoders_get_longer_cells(counts, low, high):
     """What is left of an encoder's steps in the acceleration is a half percent of it, or the longest cell is taken."""
     rng = np.random.default_rng(6)
-    t, (q, _, curve) = motion(rng, 2)
+    t, (q, _, curve) = fourier(rng, 2, SECONDS, RATE)
     read = np.rint(q * counts) / counts
     length = cell_length(t, read.T, np.full(2, 1.0 / counts / np.sqrt(12.0)))
     assert low <= length <= high
@@ -76,7 +68,7 @@ def test_coarse_encoders_get_longer_cells(counts, low, high):
 
 def test_cells_last_as_long_as_asked():
     """What the user asks for overrules what the encoder needs."""
-    t, (q, *_) = motion(np.random.default_rng(5), 2)
+    t, (q, *_) = fourier(np.random.default_rng(5), 2, SECONDS, RATE)
     log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
     robot = read_recipe(shipped_recipes()["pendulum2"])
     for cell, wanted in ((None, SHORTEST), (0.06, 0.06)):

@@ -15,6 +15,7 @@ from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
 from pumaid.robot import Joint, Robot
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
+engines = pytest.importorskip("engines")
 
 #: Relative to the largest torque: what sums of a hundred products lose in double precision.
 EXACT = 1e-12
@@ -22,17 +23,12 @@ EXACT = 1e-12
 
 def engine(robot: Robot, rng: np.random.Generator) -> tuple[pin.Model, np.ndarray]:
     """The arm with random bodies and rotors, and its parameters (11 J,) in the order of `PARAMETERS`."""
-    model, parent, values = pin.Model(), 0, []
-    for joint in robot.joints:
-        kind = pin.JointModelRZ() if joint.is_revolute else pin.JointModelPZ()
-        parent = model.addJoint(parent, kind, pin.SE3(joint.frame[:3, :3], joint.frame[:3, 3]), joint.name)
-        body, rotor = pin.Inertia.Random(), float(rng.uniform(0.1, 1.0))
-        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-        m, x, y, z, xx, xy, yy, xz, yz, zz = body.toDynamicParameters()
-        values += [m, x, y, z, xx, xy, xz, yy, yz, zz, rotor]
-    model.gravity.linear = np.array(robot.gravity)
-    model.armature = np.array(values[10::11])
-    return model, np.array(values)
+    bodies, rotors = [pin.Inertia.Random() for _ in robot.joints], rng.uniform(0.1, 1.0, robot.n_joints)
+    model = engines.pinocchio_model(robot, bodies)
+    model.armature = rotors
+    # The engine has xx, xy, yy, xz, yz, zz.
+    table = np.array([body.toDynamicParameters() for body in bodies])[:, [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]]
+    return model, np.column_stack([table, rotors]).ravel()
 
 
 def states(robot: Robot, rng: np.random.Generator, count: int) -> list[np.ndarray]:
