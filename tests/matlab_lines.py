@@ -11,49 +11,32 @@ from types import SimpleNamespace
 import numpy as np
 
 
-class Table:
-    """An array that counts from 1 and is indexed by calling."""
-
-    def __init__(self, values) -> None:
-        self.values = np.asarray(getattr(values, "values", values), dtype=float)
+class Table(np.ndarray):
+    """An array of numbers that counts from 1 and is indexed by calling."""
 
     def _places(self, keys):
         places = tuple(slice(None) if key is all else int(key) - 1 for key in keys)
-        vector = len(places) == 1 and self.values.ndim == 2
-        return np.unravel_index(places[0], self.values.shape) if vector and places[0] != slice(None) else places
+        vector = len(places) == 1 and self.ndim == 2
+        return np.unravel_index(places[0], self.shape) if vector and places[0] != slice(None) else places
 
     def __call__(self, *keys):
-        found = self.values[self._places(keys)] if keys != (all,) else self.values.ravel()
-        return Table(found) if np.ndim(found) else float(found)
+        return _result(self.ravel() if keys == (all,) else self[self._places(keys)])
 
-    def put(self, keys, value) -> None:
-        self.values[self._places(keys)] = getattr(value, "values", value)
-
-
-def _lifted(name: str) -> Callable:
-    def apply(self, other):
-        return Table(getattr(self.values, name)(getattr(other, "values", other)))
-
-    return apply
+    def store(self, keys, value) -> None:
+        self[self._places(keys)] = value
 
 
-for _name in ("__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__"):
-    setattr(Table, _name, _lifted(_name))
-Table.__matmul__ = lambda self, other: Table(self.values @ other.values)
+def _result(found):
+    return np.asarray(found, dtype=float).view(Table) if np.ndim(found) else float(found)
 
 
-def _plain(function: Callable) -> Callable:
-    def apply(*given):
-        found = function(*(getattr(one, "values", one) for one in given))
-        return Table(found) if np.ndim(found) else float(found)
-
-    return apply
-
-
-KNOWN = {name: _plain(getattr(np, name)) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "cross", "power")}
-KNOWN |= {"max": _plain(np.maximum), "min": _plain(np.minimum), "numel": lambda one: one.values.size}
-KNOWN |= {"zeros": lambda rows, width: Table(np.zeros(rows if width == 1 else (rows, width))), "literal": Table}
-KNOWN |= {"dot": _plain(lambda one, other: np.sum(one * other)), "struct": SimpleNamespace, "copied": deepcopy}
+KNOWN = {name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "power")}
+KNOWN |= {"max": np.maximum, "min": np.minimum, "numel": np.size, "struct": SimpleNamespace, "copied": deepcopy}
+KNOWN |= {
+    "cross": lambda one, other: _result(np.cross(one, other)),
+    "dot": lambda one, other: float(np.sum(one * other)),
+}
+KNOWN |= {"zeros": lambda rows, width: _result(np.zeros(rows if width == 1 else (rows, width))), "literal": _result}
 
 
 def as_python(text: str, name: str) -> Callable:
@@ -83,7 +66,7 @@ def as_python(text: str, name: str) -> Callable:
     exec("\n".join(lines), space)
 
     def run(*given):
-        return [one.values for one in space[name](*map(Table, given))]
+        return [np.asarray(one) for one in space[name](*map(_result, given))]
 
     return run
 
@@ -109,5 +92,5 @@ def _line(line: str) -> str:
     if found := re.fullmatch(r"(\w+) = ([a-z]\w*)", line):
         return f"{found[1]} = copied({found[2]})"
     if found := re.fullmatch(r"(\w+)\((.*?)\) = (.*)", line):
-        return f"{found[1]}.put(({found[2]},), {found[3]})"
+        return f"{found[1]}.store(({found[2]},), {found[3]})"
     return line

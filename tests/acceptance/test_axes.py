@@ -11,22 +11,13 @@ from pumaid.robot import Robot
 
 pin = pytest.importorskip("pinocchio", reason="the independent kinematics is pinocchio (pip install pumaid[test])")
 
+published = pytest.importorskip("published")
 HALF = np.pi / 2
 #: Published numbers have four to twelve digits (1.5708 for a quarter turn is off by 4e-6).
 ROUNDED_TO_FOUR_DIGITS = 3e-5
 ROUNDED_TO_TEN_DIGITS = 1e-8
 
-#: Kinova Gen3 7DOF, joint origins (xyz m, rpy rad; axis z).
-#: Kinovarobotics/ros2_kortex (BSD-3-Clause), kortex_description/arms/gen3/7dof/urdf/gen3_macro.xacro.
-GEN3 = (
-    ((0, 0, 0.15643), (np.pi, 0, 0)),
-    ((0, 0.005375, -0.12838), (HALF, 0, 0)),
-    ((0, -0.21038, -0.006375), (-HALF, 0, 0)),
-    ((0, 0.006375, -0.21038), (HALF, 0, 0)),
-    ((0, -0.20843, -0.006375), (-HALF, 0, 0)),
-    ((0, 0.00017505, -0.10593), (HALF, 0, 0)),
-    ((0, -0.10593, -0.00017505), (-HALF, 0, 0)),
-)
+GEN3 = [link[:2] for link in published.GEN3]
 #: Staubli TX40. figaroh-plus (Apache-2.0), models/staubli_tx40_description/urdf/tx40_mdh_modified.urdf.
 TX40 = (
     ((0, 0, 0.320), (0, 0, 0)),
