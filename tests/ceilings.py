@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 16889,
     "modules": 158,
     "import depth": 12,
-    "lines of tests and tools": 22693,
+    "lines of tests and tools": 22675,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

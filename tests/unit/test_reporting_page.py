@@ -95,9 +95,7 @@ def test_page_needs_nothing_from_outside(html):
 
 def test_names_are_text_not_markup():
     """A hostile name of arm, joint or file stands on the page as it is written."""
-    parsed = outline(
-        words_of(report_contexts.hostile(), "summary", "data", "parameters", drawn="spent")
-    )
+    parsed = outline(words_of(report_contexts.hostile(), "summary", "data", "parameters", drawn="spent"))
     assert "script" not in parsed.tags
     assert any(report_contexts.HOSTILE in text for text in parsed.texts)
 
