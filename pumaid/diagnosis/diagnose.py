@@ -36,7 +36,6 @@ from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.estimation.fit import misfit_at
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins, at, distinct
 from pumaid.maths import Floats, pseudo_inverse
@@ -322,7 +321,7 @@ class DiagnosisBuilder:
             return (candidate.falls.before, candidate.falls.after) if candidate.falls is not None else (None, None)
         samples, errors = sum(float(bins.count.sum()) for bins in unseen), []
         for fit in (self.fits[min(k, len(self.fits) - 1)] for k in (place, place + 1)):
-            squares = [bins.count @ (misfit_at(fit, bins) ** 2 + bins.inside) for bins in unseen]
+            squares = [bins.count @ (fit.at(bins).misfit ** 2 + bins.inside) for bins in unseen]
             errors.append(float(np.sqrt(sum(squares) / samples)))
         return errors[0], errors[1]
 

@@ -25,7 +25,7 @@ from pumaid.diagnosis.score_test import (
 )
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
-from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, misfit_at
+from pumaid.estimation.fit import Fit, Projector, at_bins, loaded
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
@@ -249,14 +249,13 @@ class Stepwise:
         if effect is None or effect.periodic is None:
             return ()
         for bins in (bins for bins in self._bins[1] if effect.applies(self.model.robot, bins.joint) is None):
-            coarse, misfit, key = solved.row(bins.joint).residual, misfit_at(solved, bins), (effect.name, bins.joint)
-            noise = noise_of(bins, misfit)
-            white = noise.whiten(bins, misfit)
+            coarse, fine, key = solved.row(bins.joint).residual, solved.at(bins), (effect.name, bins.joint)
+            white = fine.residual
             square = solved.square - float(coarse @ coarse) + float(white @ white)
             scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1) / solved.scale
             terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
             waves = [term.shape[effect.periodic] for term in terms if term.key == key]
-            out.append(spectrum(key, bins, noise, white=white, scale=scale, without=waves))
+            out.append(spectrum(key, bins, fine.noise, white=white, scale=scale, without=waves))
         return tuple(item for item in out if item is not None)
 
     def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, Fit]]:

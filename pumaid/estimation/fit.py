@@ -213,13 +213,21 @@ class Fit:
 
     @property
     def noises(self) -> dict[int, NoiseModel]:
-        """By joint."""
-        return {joint: row.noise for joint, row in self.by_bin.items()}
+        """Of the bins of each joint (from 1)."""
+        out = dict[int, NoiseModel]()
+        for row in self.rows:
+            levels, inner, from_pairs = self.levels[row.joint], row.inner, row.joint in self.from_replicates
+            level = np.full(len(inner.spread), np.sqrt(levels.level))
+            out[row.joint] = replace(
+                inner, spread=inner.spread * np.sqrt(levels.sample), level=level, from_replicates=from_pairs
+            )
+        return out
 
     @cached_property
     def by_bin(self) -> dict[int, FitRow]:
         """Joint (from 1) -> the fit at its bins."""
-        return {row.joint: self.at(row.bins, row.design, self.noise(row.joint)) for row in self.rows}
+        noises = self.noises
+        return {row.joint: self.at(row.bins, row.design, noise=noises[row.joint]) for row in self.rows}
 
     def with_rows(self, rows: Mapping[int, FitRow]) -> Fit:
         """The same fit with some joints' rows by bin replaced."""
@@ -236,19 +244,16 @@ class Fit:
         """The fit at the bins of `joint` (from 1)."""
         return self.by_bin[joint]
 
-    def noise(self, joint: int) -> NoiseModel:
-        """Of the bins of `joint` (from 1)."""
-        row = next(row for row in self.rows if row.joint == joint)
-        noise = row.inner.scaled(self.levels[joint])
-        return replace(noise, from_replicates=joint in self.from_replicates)
+    def at(self, bins: JointBins, design: Floats | None = None, *, noise: NoiseModel | None = None) -> FitRow:
+        """The fit at any bins of a joint, weighted by `noise`, where not given as these bins show it.
 
-    def at(self, bins: JointBins, design: Floats, noise: NoiseModel) -> FitRow:
-        """The fit at any bins of a joint, (N, p) `design` of which is by its model.
-
-        Loads of effects that need them are those of the fit.
+        (N, p) `design` is by its model; where not given it is made, and the bins have loads by the fit.
         """
+        if design is None:
+            design, bins = design_of(self.model, bins, self), replace(bins, samples=with_loads(self, bins))
         local = Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
         bare, misfit = local.jacobian(self.gains, self.values), local.left(self.values, self.gains)
+        noise = noise or noises.noise_of(bins, misfit)
         white = noise.whiten(bins, np.column_stack([bare, misfit]))
         return FitRow(bins, noise, white[:, :-1], white[:, -1], bare, misfit)
 
@@ -272,17 +277,9 @@ def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Sampl
     )
 
 
-def misfit_at(fitted: Fit, bins: JointBins) -> Floats:
-    """(N,) A: what the fit leaves of one joint at other bins than its own."""
-    drawn = design_of(fitted.model, bins, fitted) @ (fitted.factors(bins.joint) * fitted.values)
-    return np.asarray(bins.current - drawn)
-
-
 def at_bins(fitted: Fit, bins: JointBins) -> Fit:
     """The same fit with one joint's row at other bins, noise as these show it."""
-    design, bins = design_of(fitted.model, bins, fitted), replace(bins, samples=with_loads(fitted, bins))
-    noise = noises.noise_of(bins, bins.current - design @ (fitted.factors(bins.joint) * fitted.values))
-    other = fitted.with_rows({bins.joint: fitted.at(bins, design, noise)})
+    other = fitted.with_rows({bins.joint: fitted.at(bins)})
     inverse, _ = pseudo_inverse(other.information() + np.diag(fitted.prior**2))
     linear = replace(fitted.solution.linear, inverse=inverse)
     return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)
@@ -290,9 +287,8 @@ def at_bins(fitted: Fit, bins: JointBins) -> Fit:
 
 def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
     """One joint of the fit at runs that were not fitted, their noise like that of fitted runs as fast."""
-    old, design = fitted.row(bins.joint), design_of(fitted.model, bins, fitted)
-    noise = old.noise.at(old.bins, np.array([abs(run.speed) for run in bins.runs]), bins.step)
-    return fitted.at(replace(bins, samples=with_loads(fitted, bins)), design, noise)
+    old = fitted.row(bins.joint)
+    return fitted.at(bins, noise=old.noise.at(old.bins, bins))
 
 
 def loaded(fitted: Fit) -> Fit:
@@ -351,7 +347,6 @@ class Projector:
             self._samples[bins.joint] = points if whole is None else with_loads(whole, bins, at_nodes=at_nodes)
         stops = np.cumsum([0, *(len(row.bins.runs) for row in solved.joints)]).tolist()
         self.runs = {row.bins.joint: slice(*stops[k : k + 2]) for k, row in enumerate(solved.joints)}
-        self.total = stops[-1]
 
     @cached_property
     def base_scores(self) -> Floats:

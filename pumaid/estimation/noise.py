@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -82,20 +82,15 @@ class NoiseModel:
         out[bins.first] = (fresh * values[bins.first].T).T
         return np.asarray((out.T / (self.spread * fresh)[bins.run]).T)
 
-    def at(self, bins: JointBins, speeds: Floats, steps: Floats) -> NoiseModel:
-        """Of runs at (R,) other `speeds` of the joint, with bins of `steps` s: slow noise keeps its density."""
-        measured = np.array([abs(run.speed) for run in bins.runs])
+    def at(self, bins: JointBins, others: JointBins) -> NoiseModel:
+        """Of other runs of the joint than those in `bins`, by the nearest in speed: slow noise keeps its density."""
+        measured, speeds = (np.array([abs(run.speed) for run in part.runs]) for part in (bins, others))
         near = np.argmin(np.abs(np.log(measured[None, :] / speeds[:, None])), axis=1)
-        rho, ratio = self.correlation[near], steps / np.maximum(bins.step[near], 1e-12)
+        rho, ratio = self.correlation[near], others.step / np.maximum(bins.step[near], 1e-12)
         fresh = np.maximum(rho, 0.0) ** ratio
         density = self.spread[near] ** 2 * (1.0 + rho) / (1.0 - rho) / ratio
         spread = np.sqrt(density * (1.0 - fresh) / (1.0 + fresh))
         return NoiseModel(fresh, spread, self.level[near], self.from_replicates)
-
-    def scaled(self, levels: Levels) -> NoiseModel:
-        """The same as the variances say that a whole fit leaves of runs that were whitened by it."""
-        level = np.full(len(self.spread), np.sqrt(levels.level))
-        return replace(self, spread=self.spread * np.sqrt(levels.sample), level=level)
 
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried

@@ -34,8 +34,8 @@ def test_few_runs_take_their_noise_from_inside():
     for seed in range(20):
         runs = Bench(quiet, Plan("two", motions), rate=100.0).runs(np.random.default_rng(seed))
         fitted = fit_runs(PENDULUM, runs)
-        assert fitted.weak == (2,) and not fitted.noise(2).level.any()
-        noise, count = fitted.noise(2), fitted.row(2).bins.count
+        assert fitted.weak == (2,) and not fitted.noises[2].level.any()
+        noise, count = fitted.noises[2], fitted.row(2).bins.count
         density = noise.spread**2 * (1.0 + noise.correlation) / (1.0 - noise.correlation)
         found.append(np.mean(density) * np.mean(count))
     phi = np.exp(-1.0 / (100.0 * 0.05))
