@@ -195,16 +195,6 @@ class Model:
         """
         return np.hstack([self.base(samples), self.beyond(samples)])
 
-    def along(self, samples: Samples, sizes: Counts) -> Floats:
-        """(M, b) of the paper's model along runs of `sizes` instants each; all joints but the moving one stand."""
-        links = np.array([column.scope is Scope.LINK for column in self._base])
-        turns = self.robot.joint(samples.joint).is_revolute
-        still = replace(samples, acceleration=np.zeros(len(samples)))
-        weights = swept(still, sizes, lambda knots: self.base(knots)[:, links], turns=turns)
-        out = self.base(samples, links=False)
-        out[:, links] = weights
-        return self._accelerated(samples, out)
-
     def design(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(N, p) means of the regressor over the bins of one joint.
 
@@ -217,42 +207,35 @@ class Model:
         nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
         if bins not in self._base_designs:
             steady = replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0))
-            self._base_designs[bins] = self.along(steady, 3 * bins.lengths)
+            self._base_designs[bins] = self.base(steady)
             if bins.rigid_body is not None and self.is_dynamic:
                 # In blocks of any motion what the rigid body asks was averaged with the current.
                 rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
                 self._base_designs[bins][np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
         return np.hstack([self._base_designs[bins], self.beyond(replace(nodes, loads=gravity))])
 
-    def base(self, samples: Samples, *, links: bool = True) -> Floats:
-        """(M, b) of the paper's model; the columns of links are left zero unless `links`."""
-        moving = samples.joint
-        out = np.zeros((len(samples), len(self._base)))
-        for effect in (effect for effect in catalogue().values() if effect.base):
-            is_link = effect.scope is Scope.LINK
-            columns = [
-                (index, column)
-                for index, column in enumerate(self._base)
-                if column.effect == effect.name
-                and (links and column.owner >= moving if is_link else column.owner == moving)
-            ]
-            owners = sorted({column.owner for _, column in columns})
-            values = {owner: effect.columns(self.robot, samples, number=owner) for owner in owners}
-            for index, column in columns:
-                names = [parameter.name for parameter in effect.parameters(self.robot, column.owner)]
-                out[:, index] = values[column.owner][:, names.index(column.name.rsplit(".", 1)[1])]
-        return self._accelerated(samples, out) if links else out
-
-    def _accelerated(self, samples: Samples, out: Floats) -> Floats:
-        """(M, b) with what the rigid body asks where the moving joint accelerates alone."""
-        if not self.is_dynamic or not samples.acceleration.any():
-            return out
-        pull = np.zeros((self.robot.n_joints, len(samples)))
-        pull[samples.joint - 1] = samples.acceleration
-        body = replace(base_parameters(self.robot), robot=replace(self.robot, gravity=(0.0, 0.0, 0.0)))
-        rows = body.rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
-        out[:, self.inertial[-len(rows) :]] += rows.T
+    def base(self, samples: Samples) -> Floats:
+        """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone."""
+        out, columns = np.zeros((len(samples), len(self._base))), enumerate(self._base)
+        for (name, owner), group in itertools.groupby(columns, lambda item: (item[1].effect, item[1].owner)):
+            effect = catalogue()[name]
+            if effect.base and (owner == samples.joint or (effect.scope is Scope.LINK and owner > samples.joint)):
+                names = [parameter.name for parameter in effect.parameters(self.robot, owner)]
+                values = effect.columns(self.robot, samples, number=owner)
+                for index, column in group:
+                    out[:, index] = values[:, names.index(column.name.rsplit(".", 1)[1])]
+        if self.is_dynamic and samples.acceleration.any():
+            pull = np.zeros((self.robot.n_joints, len(samples)))
+            pull[samples.joint - 1] = samples.acceleration
+            body = replace(base_parameters(self.robot), robot=replace(self.robot, gravity=(0.0, 0.0, 0.0)))
+            rows = body.rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
+            out[:, self.inertial[-len(rows) :]] += rows.T
         return out
+
+    def friction(self, samples: Samples, solution: Floats) -> Floats:
+        """(M,) A that the moving joint draws by the paper's model beside its load; `solution` (p,) are parameters."""
+        base = self.base(replace(samples, acceleration=np.zeros(len(samples))))
+        return np.asarray(base @ np.where(self.is_scaled, 0.0, solution)[: base.shape[1]])
 
     def beyond(self, samples: Samples) -> Floats:
         """(M, e) the columns of chosen effects, in the order in which they come after the paper's model."""
@@ -300,8 +283,7 @@ def loads_along(model: Model, samples: Samples, sizes: Counts, *, solution: Floa
 
     values = swept(samples, sizes, table, turns=turns)
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
-    friction = model.base(samples, links=False)
-    drawn = load[:, 0] + friction @ solution[: friction.shape[1]]
+    drawn = load[:, 0] + model.friction(samples, solution)
     return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
 
 
@@ -355,12 +337,10 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     else:
         tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
         across = np.zeros(len(samples))
-    friction = model.base(samples, links=False)
-    drawn = load + friction @ solution[: friction.shape[1]]
     with np.errstate(divide="ignore", invalid="ignore"):
         back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
     gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
-    return Loads(load, elsewhere, slopes, tilts, across, drawn, gains)
+    return Loads(load, elsewhere, slopes, tilts, across, load + model.friction(samples, solution), gains)
 
 
 def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:

@@ -78,7 +78,7 @@ def swung(robot, joint):
 @pytest.mark.parametrize("joint", range(1, 7))
 @pytest.mark.parametrize("robot", [PUMA, STANFORD], ids=["puma", "stanford"])
 def test_loads_along_runs_are_the_loads(robot, joint):
-    """While one joint moves alone, five positions of a run say what its load is at all others; the regressor too."""
+    """While one joint moves alone, five positions of a run say what its load is at all others."""
     model, scales, solution, _ = arm(robot)
     scales[0, 4] = np.nan  # an unknown ratio
     samples, sizes = swung(robot, joint)
@@ -86,4 +86,3 @@ def test_loads_along_runs_are_the_loads(robot, joint):
     theirs = loads(model, samples, solution=solution, scales=scales)
     for name in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
-    np.testing.assert_allclose(model.along(samples, sizes), model.regressor(samples), atol=1e-12)
