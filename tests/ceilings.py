@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27079,
-    "statements": 16889,
+    "lines": 27047,
+    "statements": 16865,
     "modules": 158,
     "import depth": 12,
-    "lines of tests and tools": 22675,
+    "lines of tests and tools": 22674,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
