@@ -19,7 +19,7 @@ __version__ = "0.1.0"
 #: Module -> public names that it defines.
 _NAMES = {
     "pumaid.api": "Answer Arm Identified Picture identify load read_recipe",
-    "pumaid.dataset": "Bins Dataset FileFacts Log Means Reject Run",
+    "pumaid.dataset": "Bins Dataset FileFacts Log Reject Run",
     "pumaid.design.plan": "plan",
     "pumaid.effects": "catalogue",
     "pumaid.errors": "Faults LogError ModelError Note PumaidError RecipeError ResultError Where",

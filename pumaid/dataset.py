@@ -5,18 +5,16 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pumaid.errors import Note, Where
 from pumaid.maths import Counts, Floats
-
-Binned = TypeVar("Binned", "Bins", "Means")
 
 #: Fields of a log with a value a sample.
 _SAMPLED = ("rows", "time", "position", "velocity", "current", "temperature", "extra")
@@ -87,23 +85,6 @@ class Bins:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Means:
-    """Means over equal spans of time of all joints, any of which may move: (M,) samples and time (s), (M, J) others.
-
-    `position` is in rad or m, `velocity` in rad/s or m/s, `current` in A, NaN where not measured.
-    """
-
-    count: Counts
-    time: Floats
-    position: Floats
-    velocity: Floats
-    current: Floats
-
-    def __len__(self) -> int:
-        return len(self.count)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Run:
     """One joint moving alone in one direction while the others are held; or one joint in a block of any motion."""
 
@@ -124,6 +105,7 @@ class Run:
     clock: int = 0  # number of the recording: runs with the same number share one clock
     heldout: bool = False  # whether the plan keeps this run for judging only
     stamp_error: float = 0.0  # RMS by which time stamps are not when samples were taken, s; zero where that is unknown
+    lead: float = 0.0  # rad or m that the joint had travelled since it last stood or turned back; 0 if unknown
 
     @property
     def accelerates(self) -> bool:
@@ -150,8 +132,7 @@ class Reject:
     """A stretch of a log that is no run, with the reason.
 
     `reason` is a slug (``ramp``, ``rest``, ``several-joints`` ...), `text` a sentence with the figures; `joints` those
-    that moved. `bins` are kept where something moved, so that a model can be compared there too; `clock` is as of a
-    `Run`.
+    that moved; `clock` is as of a `Run`.
     """
 
     origin: str
@@ -163,7 +144,6 @@ class Reject:
     reason: str
     text: str
     samples: int
-    bins: Means | None = None
     clock: int = 0
 
 
@@ -198,9 +178,8 @@ class Dataset:
         return tuple(run for run in self.runs if run.joint == joint)
 
 
-#: Kinds of runs, and what only the bins of blocks have, in which all joints may move.
+#: Kinds of runs.
 CONSTANT, STROKE, BLOCK = "constant", "stroke", "block"
-OF_BLOCKS = ("velocities", "rigid_body")
 
 #: What a damaged archive makes of zip and numpy.
 _DAMAGES: tuple[type[Exception], ...] = (
@@ -216,15 +195,13 @@ def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any])
     what the dataset depends on, as JSON can hold it; `load_dataset` returns it.
     """
     about: dict[str, Any] = {"made_from": made_from, "extra": dataset.extra}
-    about |= {name: [asdict(item) for item in getattr(dataset, name)] for name in ("files", "notes")}
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, records in (("runs", dataset.runs), ("rejects", dataset.rejects)):
-        plain = [{item.name: getattr(record, item.name) for item in fields(record)} for record in records]
-        about[name] = [values | {"bins": -1 if values["bins"] is None else len(values["bins"])} for values in plain]
-        bins = [record.bins for record in records if record.bins is not None]
-        for item in fields(bins[0]) if bins else ():
-            parts = [values for part in bins if (values := getattr(part, item.name)) is not None]
-            arrays |= {f"{name}.{item.name}": np.concatenate(parts)} if parts else {}
+    about |= {name: [asdict(item) for item in getattr(dataset, name)] for name in ("rejects", "files", "notes")}
+    binned = [_arrays(run.bins) for run in dataset.runs]
+    facts = [{item.name: getattr(run, item.name) for item in fields(run)} for run in dataset.runs]
+    lengths = [{name: len(values) for name, values in arrays.items()} for arrays in binned]
+    about["runs"] = [values | {"bins": bins} for values, bins in zip(facts, lengths, strict=True)]
+    names = dict.fromkeys(name for arrays in binned for name in arrays)
+    arrays = {name: np.concatenate([arrays[name] for arrays in binned if name in arrays]) for name in names}
     text = json.dumps(about, default=np.ndarray.tolist).encode()
     np.savez(sink, about=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
 
@@ -241,14 +218,18 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = dict(archive)
         about = json.loads(arrays.pop("about").tobytes())
-        runs = [
-            Run(**values | {"posture": np.array(values["posture"]), "span": tuple(values["span"])})
-            for values in _with_bins("runs", about["runs"], arrays, Bins)
-        ]
-        rejects = [
-            Reject(**values | {"joints": tuple(values["joints"])})
-            for values in _with_bins("rejects", about["rejects"], arrays, Means)
-        ]
+        runs = []
+        for values in about["runs"]:
+            bins = {}
+            for name, length in values["bins"].items():
+                bins[name], arrays[name] = np.split(arrays[name], [length])
+            more = {
+                "posture": np.array(values["posture"]),
+                "span": tuple(values["span"]),
+                "bins": Bins(**bins),
+            }
+            runs.append(Run(**values | more | {"bins": Bins(**bins)}))
+        rejects = [Reject(**values | {"joints": tuple(values["joints"])}) for values in about["rejects"]]
         files = tuple(FileFacts(**facts) for facts in about["files"])
         notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])
         return Dataset(tuple(runs), tuple(rejects), files, notes, tuple(about["extra"])), about["made_from"]
@@ -256,34 +237,21 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         raise ValueError(f"it cannot be read ({type(error).__name__})") from error
 
 
-def _with_bins(
-    name: str, records: Sequence[dict[str, Any]], arrays: Mapping[str, NDArray[Any]], kind: type[Binned]
-) -> Iterator[dict[str, Any]]:
-    """The fields of each record with its bins, which follow one another in the arrays."""
-    columns = {key.removeprefix(f"{name}."): values for key, values in arrays.items() if key.startswith(f"{name}.")}
-    first = dict.fromkeys(columns, 0)
-    for values in records:
-        bins = {}
-        for key, column in columns.items():
-            if key not in OF_BLOCKS or values.get("kind") == BLOCK:
-                last = first[key] + max(values["bins"], 0)
-                bins[key], first[key] = column[first[key] : last], last
-        yield values | {"bins": kind(**bins) if values["bins"] >= 0 else None}
+def _arrays(bins: Bins) -> dict[str, NDArray[Any]]:
+    """The fields of bins by name, without those that they lack."""
+    named = {item.name: getattr(bins, item.name) for item in fields(bins)}
+    return {name: values for name, values in named.items() if values is not None}
 
 
-def coarser(bins: Binned, size: int) -> Binned:
+def coarser(bins: Bins, size: int) -> Bins:
     """The same in at most `size` bins."""
     if len(bins) <= size:
         return bins
     starts, _ = spans(bins.time, size)
-    columns: dict[str, Any] = {item.name: getattr(bins, item.name) for item in fields(bins)}
-    for name, values in columns.items():
-        columns[name] = None if values is None else finite_means(values, starts, bins.count)
-    columns["count"] = np.add.reduceat(bins.count, starts)
-    if isinstance(bins, Bins):
-        spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(bins)))
-        columns["variance"] += finite_means(spread**2, starts, bins.count)
-    return type(bins)(**columns)
+    columns: dict[str, Any] = {name: finite_means(values, starts, bins.count) for name, values in _arrays(bins).items()}
+    spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(bins)))
+    columns["variance"] += finite_means(spread**2, starts, bins.count)
+    return Bins(**columns | {"count": np.add.reduceat(bins.count, starts)})
 
 
 def spans(time: Floats, size: int) -> tuple[Counts, Counts]:
@@ -311,33 +279,20 @@ def mean_times(time: Floats, starts: Counts) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What only all runs together tell: when joints first moved, and what they had travelled before each run."""
+    """What only all runs together tell: when joints first moved."""
 
     #: (joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
     begun: Mapping[tuple[int, int], float] = field(default_factory=dict)
-    #: (file, first row) of a run -> rad or m that its joint had travelled before, while it sped up.
-    leads: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, runs: Iterable[Run], rejects: Iterable[Reject] = ()) -> Campaign:
-        """Of all runs of the logs, held-out ones too, and of what is no run."""
+    def of(cls, runs: Iterable[Run]) -> Campaign:
+        """Of all runs of the logs, held-out ones too."""
         begun: dict[tuple[int, int], float] = {}
-        leads = {}
-        before = {(reject.origin, reject.last_row + 1): reject for reject in rejects}
         for run in runs:
             for key in ((run.joint, run.clock), (0, run.clock)):
                 begun[key] = min(run.start, begun.get(key, run.start))
-            ramp = before.get((run.origin, run.first_row))
-            if ramp is not None and ramp.joints == (run.joint,) and ramp.bins is not None:
-                # From the farthest that a ramp reaches back.
-                back = run.direction * (run.span[0] - ramp.bins.position[:, run.joint - 1])
-                leads[run.origin, run.first_row] = max(float(back.max()), 0.0)
-        return cls(begun, leads)
+        return cls(begun)
 
     def since(self, joint: int, clock: int, time: Floats) -> Floats:
         """(M,) s since `joint` (0: any joint) first moved, at (M,) s on a clock; as they are where it never did."""
         return time - self.begun.get((joint, clock), 0.0)
-
-    def lead(self, run: Run) -> float:
-        """What the joint had travelled (rad or m) since it last stood or turned back when `run` began; 0 if unknown."""
-        return self.leads.get((run.origin, run.first_row), 0.0)

@@ -264,7 +264,7 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
     velocity, position = run.velocity, np.tile(run.posture, (len(bins), 1))
     position[:, moving] = bins.position[:, moving]
     direction = np.full(len(bins), float(run.direction))
-    travel = campaign.lead(run) + np.abs(position[:, moving] - run.span[0])
+    travel = run.lead + np.abs(position[:, moving] - run.span[0])
     if run.kind == CONSTANT:
         velocity[:, moving] = run.speed
     if run.kind == BLOCK:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.dataset import Bins, Dataset, Means, Run
+from pumaid.dataset import Bins, Dataset, Run
 from pumaid.estimate import Estimate
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.gls import fit_bins
@@ -168,10 +168,3 @@ def run_of(
             temperature=np.full(len(count), np.nan),
         ),
     )
-
-
-def means_of(run: Run) -> Means:
-    """What a stretch that is no run keeps of the same samples; motors of held joints draw nothing."""
-    bins, current = run.bins, np.zeros_like(run.bins.position)
-    current[:, run.joint - 1] = bins.current
-    return Means(bins.count, bins.time, bins.position, run.velocity, current)

@@ -47,7 +47,7 @@ def identify(
         where = Where(file=dataset.files[0].name if dataset.files else None)
         mend = "see why with: pumaid segment LOGS --rejects"
         raise LogError("no-runs", f"there is no run to fit ({what})", where, mend)
-    model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs, dataset.rejects)
+    model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs)
     # The rigid body has an inertia of each joint already.
     choices = tuple(choice for choice in choices if not (model.is_dynamic and choice.effect == "inertia"))
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)

@@ -331,7 +331,7 @@ class JointPrediction:
 
 def predictions(estimate: Estimate, dataset: Dataset, robot: Robot) -> dict[int, JointPrediction]:
     """Joint (from 1) -> the estimate at all of its runs, held-out ones too."""
-    model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs, dataset.rejects)
+    model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs)
     bins = joint_bins(robot, dataset.runs, campaign=campaign, is_settled=False)
     return {part.joint: JointPrediction(model, estimate, part) for part in bins}
 

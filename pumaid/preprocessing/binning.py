@@ -1,12 +1,11 @@
 """Pieces of a log as records: runs and strokes in bins, and what is left out with its reason."""
 
 import math
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Bins, Log, Means, Reject, Run, finite_means, mean_times, spans
+from pumaid.dataset import BLOCK, Bins, Log, Reject, Run, finite_means, mean_times, spans
 from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.differentiate import Ticks, averaging_kernel, cubic_window, slopes, velocity
 from pumaid.preprocessing.options import CONSTANT, LARGEST, STROKE, SegmentOptions
@@ -84,7 +83,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stretch:
-    """N consecutive samples without gaps, and what each of J joints does at K ticks of 20 ms.
+    """N consecutive samples without gaps, and their means over ticks of 20 ms.
 
     There are no ticks where samples are too few, or no numbers.
     """
@@ -94,7 +93,6 @@ class Stretch:
     time: Floats  # (N,) s at which they were taken, which stamps need not be
     stamp_error: float = 0.0  # s, RMS by which the stamps differ from it
     ticks: Ticks | None = None
-    velocity: Floats = field(default_factory=partial(np.zeros, (0, 0)))  # (K, J) rad/s or m/s
 
 
 def record(
@@ -114,13 +112,7 @@ def record(
         piece = replace(piece, label="no-current")
     if not n_lost:
         return run, None
-    duration, bins = float(log.time[-1] - log.time[0]), None
-    if piece.joints and stretch.ticks is not None:
-        starts, count = spans(log.time, options.reject_bins)
-        time = mean_times(log.time, starts)
-        position, current = (finite_means(values, starts) for values in (log.position, log.current))
-        velocity = np.column_stack([np.interp(time, stretch.ticks.time, column) for column in stretch.velocity.T])
-        bins = Means(count, time, position, velocity, current)
+    duration = float(log.time[-1] - log.time[0])
     units = [robot.joint(joint).position_unit for joint in piece.joints] or ["rad"]
     text = REASONS[piece.label].format(
         joints=", ".join(map(str, piece.joints)),
@@ -135,7 +127,7 @@ def record(
     )
     rows, start = (int(log.rows[0]), int(log.rows[-1])), float(log.time[0])
     facts = (log.origin, *rows, start, duration, piece.joints, piece.label, text, n_lost)
-    return run, Reject(*facts, bins=bins, clock=clock)
+    return run, Reject(*facts, clock=clock)
 
 
 def _run(

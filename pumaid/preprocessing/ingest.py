@@ -23,7 +23,7 @@ from pumaid.preprocessing import clock
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
 from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.segment import REJECT_BINS, RUN_BINS, bounded, segment
+from pumaid.preprocessing.segment import bounded, segment
 from pumaid.robot import Robot
 
 Task = TypeVar("Task")
@@ -131,9 +131,8 @@ def _merged(parts: Iterable[Dataset]) -> Dataset:
         filled = [facts for facts in part.files if facts.rows]
         recordings += bool(filled) and not filled[0].first_time > last_time
         last_time = filled[-1].last_time if filled else last_time
-        runs = bounded(runs + [replace(run, clock=run.clock + recordings) for run in part.runs], RUN_BINS)
+        runs = bounded(runs + [replace(run, clock=run.clock + recordings) for run in part.runs])
         rejects += [replace(reject, clock=reject.clock + recordings) for reject in part.rejects]
-        rejects = bounded(rejects, REJECT_BINS)
         recordings = max([recordings, *(run.clock for run in runs[-1:]), *(reject.clock for reject in rejects[-1:])])
         files += part.files
         notes += part.notes

@@ -33,7 +33,6 @@ class SegmentOptions:
     low_speed_share: float = 0.05  # of its peak speed, below which a stroke's friction is not yet sliding
     cell: float | None = None  # s that a cell of a block lasts; None: as the encoder needs
     max_bins: int = 512  # of a run; of more than two turns, half as many for each turn
-    reject_bins: int = 64  # of a stretch that is left out
     window: int = 131_072  # samples held in memory at a time; a longer movement is cut
 
     def __post_init__(self) -> None:

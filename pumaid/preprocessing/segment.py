@@ -7,11 +7,10 @@ Any other motion is left out as a piece whose bins hold the means of all joints.
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
-from typing import TypeVar
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Dataset, Log, Reject, Run, coarser
+from pumaid.dataset import BLOCK, Dataset, Log, Reject, Run, coarser, finite_means, spans
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import Piece, Stretch, record, sliding
@@ -23,13 +22,12 @@ from pumaid.robot import Robot
 
 __all__ = ["SegmentOptions", "segment"]
 
-Record = TypeVar("Record", Run, Reject)
-
 #: Samples before the last movement of a window that the next window sees again.
 CONTEXT = 1024
-#: Bins of all runs together (some 100 bytes each for six joints), and those that a run keeps in any case; the same of
-#: rejects, of which only the size of the model's error is looked at.
-RUN_BINS, REJECT_BINS = (1_500_000, 16), (300_000, 4)
+#: Bins of all runs together (some 100 bytes each for six joints), and those that a run keeps in any case.
+RUN_BINS, FEWEST_BINS = 1_500_000, 16
+#: Spans of a ramp over whose means it is looked how far it reaches back.
+RAMP_SPANS = 64
 
 #: A time step above so many usual ones, and above so many seconds, is a gap.
 GAP_STEPS, GAP_TIME = 5.0, 0.05
@@ -83,13 +81,11 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     return Dataset(runs, tuple(rejects), files, (*notes, *clock.notes(runs)), extra)
 
 
-def bounded(records: list[Record], limits: tuple[int, int]) -> list[Record]:
-    """The records, their bins halved while there are more than `limits[0]` in all, down to `limits[1]` a record."""
-    total, fewest = limits
-    while sum(sizes := [len(record.bins or ()) for record in records]) > total and max(sizes) > fewest:
-        size = max(fewest, max(sizes) // 2)
-        records = [replace(item, bins=item.bins and coarser(item.bins, size)) for item in records]
-    return records
+def bounded(runs: list[Run]) -> list[Run]:
+    """The runs, their bins halved while there are more than `RUN_BINS` in all, down to `FEWEST_BINS` a run."""
+    while sum(sizes := [len(run.bins) for run in runs]) > RUN_BINS and max(sizes) > FEWEST_BINS:
+        runs = [replace(run, bins=coarser(run.bins, max(FEWEST_BINS, max(sizes) // 2))) for run in runs]
+    return runs
 
 
 class _Segmenter:
@@ -135,20 +131,31 @@ class _Segmenter:
         for stretch, pieces, _ in parts:
             low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
             clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
+            before = Piece(0, 0, "")
             for piece in (piece for piece in clipped if piece.stop > piece.start):
-                blocks = []
                 if piece.label == BLOCK:
                     blocks = block_runs(stretch, piece, self._body, clock=self._clock, length=self._options.cell)
-                self.runs += blocks
-                if blocks:
-                    continue
-                if piece.label == BLOCK:
+                    self.runs += blocks
+                    if blocks:
+                        continue
                     piece = replace(piece, label="several-joints" if len(piece.joints) > 1 else "speed-not-constant")
                 run, reject = record(stretch, piece, self._robot, options=self._options, clock=self._clock)
-                self.runs += [run] if run else []
+                self.runs += [replace(run, lead=_lead(stretch, before, run))] if run else []
                 self.rejects += [reject] if reject else []
-        self.runs, self.rejects = bounded(self.runs, RUN_BINS), bounded(self.rejects, REJECT_BINS)
+                before = piece
+        self.runs = bounded(self.runs)
         return cut
+
+
+def _lead(stretch: Stretch, before: Piece, run: Run) -> float:
+    """What the joint of a run had travelled (rad or m) while it sped up, in the piece before; 0 if unknown."""
+    if before.is_run or before.joints != (run.joint,):
+        return 0.0
+    part = slice(before.start, before.stop)
+    starts, _ = spans(stretch.log.time[part], RAMP_SPANS)
+    # From the farthest that the ramp reaches back.
+    back = run.span[0] - finite_means(stretch.log.position[part, run.joint - 1], starts)
+    return max(float((run.direction * back).max()), 0.0)
 
 
 def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece], int]]:
@@ -171,7 +178,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
             signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)
             movements = _movements(np.select([count == 0, count == 1], [REST, signed], SEVERAL))
-            stretch = Stretch(samples, part, sampled, error, ticks, velocity)
+            stretch = Stretch(samples, part, sampled, error, ticks)
             pieces = _pieces(stretch, ticks, movements, moving=moving, options=options)
             yield stretch, _with_blocks(pieces, sampled, options), int(ticks.edges[movements[-1].start])
         else:

@@ -364,7 +364,7 @@ PUBLIC = [
     *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
     *("EffectChoice", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
-    *("LogReader", "Means", "ModelError", "Motion", "NextRun", "Note", "Picture", "Plan", "Posture"),
+    *("LogReader", "ModelError", "Motion", "NextRun", "Note", "Picture", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),
     *("Unexplained", "Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "load", "plan"),
     *("read_diagnosis", "read_history", "read_model", "read_recipe", "segment", "simulate"),

@@ -254,26 +254,21 @@ def run_figure(dataset: Dataset, robot: Robot, units: str = "rad", *, limit: int
 
 
 def _item(both: tuple[Axes, Axes], item: Run | Reject, *, shift: float, scale: Floats) -> None:
-    """Velocity (above) and position (below) of one run, with the joints that it holds, or of one rejected stretch."""
+    """Velocity (above) and position (below) of one run, with the joints that it holds; a reject is hatched."""
     above, below = both
-    bins, run = item.bins, item if isinstance(item, Run) else None
-    joints = [item.joint] if isinstance(item, Run) else item.joints
-    if isinstance(item, Reject) and item.reason != "rest":
-        for axes in both:
+    if isinstance(item, Reject):
+        for axes in both if item.reason != "rest" else ():
             look: dict[str, Any] = {"edgecolor": FAINT, "hatch": HATCHES.get(item.reason, "...."), "linewidth": 0.0}
             axes.axvspan(item.start + shift, item.start + shift + item.duration, facecolor=TINT, zorder=0.5, **look)
-    if bins is None:
         return
-    step = slice(None, None, max(1, len(bins) // MOST_POINTS))
-    time, position = bins.time[step] + shift, bins.position[step] * scale
-    velocity = (run.velocity if run else bins.velocity)[step] * scale
+    step = slice(None, None, max(1, len(item.bins) // MOST_POINTS))
+    time, position = item.bins.time[step] + shift, item.bins.position[step] * scale
+    velocity = item.velocity[step] * scale
     for joint in range(1, len(scale) + 1):
         colour = PALETTE[(joint - 1) % len(PALETTE)]
         look = {"color": colour, "linewidth": 0.7, "alpha": 0.45, "zorder": 1}
-        if joint in joints:
-            look = {"color": colour, "linewidth": 1.7, "zorder": 3} if run else {"color": GREY, "linewidth": 0.8}
-            look["linestyle"] = "--" if run and run.kind == STROKE else "-"
+        if joint == item.joint:
+            look = {"color": colour, "linewidth": 1.7, "zorder": 3, "linestyle": "--" if item.kind == STROKE else "-"}
             above.plot(time, velocity[:, joint - 1], **look)
-        below.plot(time, position[:, joint - 1], **look)
-        if run and joint in joints:
             above.fill_between(time, 0.0, velocity[:, joint - 1], color=colour, alpha=0.18, linewidth=0)
+        below.plot(time, position[:, joint - 1], **look)
