@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pumaid.dataset import Dataset
     from pumaid.estimate import Estimate
     from pumaid.io.paths import LogPath
-    from pumaid.preprocessing.options import SegmentOptions
+    from pumaid.preprocessing.binning import SegmentOptions
     from pumaid.robot import Robot
 
 #: Of an experiment's folder: the logs, the current model, and the dataset that commands share.
@@ -107,8 +107,8 @@ class Experiment:
         """
         from pumaid.io.paths import expand, meant
         from pumaid.io.plan_file import find_plan, read_plan
+        from pumaid.preprocessing.binning import DEFAULTS
         from pumaid.preprocessing.hold_out import hold_out, match_with_plan
-        from pumaid.preprocessing.options import DEFAULTS
 
         chosen = replace(options or DEFAULTS, cell=self.cell)
         paths = expand(self.logs)

@@ -11,7 +11,7 @@ from pumaid.design.planner import POSTURES, SPEEDS, Planner
 from pumaid.design.prior import Payload, Prior, prior_robots
 from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
-from pumaid.preprocessing.options import DEFAULTS
+from pumaid.preprocessing.binning import DEFAULTS
 from pumaid.robot import Robot
 from pumaid.trajectory import Plan, duration, highest_speeds, span, trapezoids
 from pumaid.units import factor, number

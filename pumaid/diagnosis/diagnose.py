@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import Campaign, Dataset, Run
+from pumaid.dataset import CONSTANT, Campaign, Dataset, Run
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.discrimination import deciding
@@ -41,7 +41,6 @@ from pumaid.joint_bins import JointBins, at, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
-from pumaid.preprocessing.options import CONSTANT
 from pumaid.results.model_file import check_same_recipe, model_digest
 from pumaid.robot import Robot
 from pumaid.units import number

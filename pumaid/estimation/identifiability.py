@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, STROKE, Run
+from pumaid.dataset import BLOCK, CONSTANT, Run, STROKE
 from pumaid.effect_spec import Column
 from pumaid.effects import Family, Samples, Scope
 from pumaid.errors import listed
@@ -18,7 +18,6 @@ from pumaid.joint_bins import SAME_POSTURE
 from pumaid.kinematics import posture_groups
 from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Floats
 from pumaid.model import Model
-from pumaid.preprocessing.options import CONSTANT
 from pumaid.units import number
 
 #: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of

@@ -1,14 +1,16 @@
-"""Pieces of a log as records: runs and strokes in bins, and what is left out with its reason."""
+"""Pieces of a log as records: runs, strokes and blocks of any motion in bins, and what is left out with its reason."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Bins, Log, Reject, Run, finite_means, mean_times, spans
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, mean_times, spans
+from pumaid.errors import PumaidError, Where
 from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.differentiate import Ticks, averaging_kernel, cubic_window, slopes, velocity
-from pumaid.preprocessing.options import CONSTANT, LARGEST, STROKE, SegmentOptions
+from pumaid.rigid_body import RigidBody
 from pumaid.robot import Robot
 from pumaid.units import number
 
@@ -39,6 +41,76 @@ MOST_APART = 2.5
 MOST_NOISE = 0.9
 #: Samples between which noise is looked for.
 LAGS = (1, 2, 3, 5)
+
+#: Samples whose regressor is made at once.
+CHUNK = 2048
+#: Means over one cell, one after another: their impulse response is a quadratic B-spline, three cells long.
+ROUNDS = 3
+#: s; shortest and longest cell of a block: currents hold little beyond 20 Hz that bodies cause, motion of arms little
+#: beyond 5 Hz.
+SHORTEST_CELL, LONGEST_CELL = 0.024, 0.12
+#: Noise of a cell's acceleration, as a share of the joint's RMS acceleration, that encoders may leave. Its square is
+#: the share by which inertia comes out too small, itself the error that thousands of cells average to.
+ACCELERATION_NOISE = 0.005
+#: rad/s or m/s, below which a joint may stick: cells that hold a slower sample of it say nothing of its current.
+STICKING = 0.05
+#: Share of the steps' mean by which sampling may be uneven; beyond it positions are interpolated.
+UNEVEN = 1e-3
+
+
+#: Blocks that a motion is cut into, and s that one lasts at least and about at most: long against the noise's memory.
+BLOCKS, SHORTEST_BLOCK, LONGEST_BLOCK = 12, 2.0, 6.0
+#: Cells of a joint in a block from which they say anything.
+FEWEST_CELLS = 8
+
+#: Numbers beyond it (rad, m, A) are garbage of a logger, no measurements.
+LARGEST = 1e6
+#: The word of `SegmentOptions.kinds` for all kinds of runs.
+BOTH = "both"
+#: Samples; below it the overlap of two windows would be most of a window.
+MIN_WINDOW = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentOptions:
+    """What counts as a run: every threshold of the segmentation.
+
+    Speeds and lengths are in the joint's own unit: rad for a revolute joint, m for a prismatic one.
+    """
+
+    # ``"both"``: strokes where the constant part of a movement is too small a share of it, and blocks of other motion
+    kinds: str = BOTH
+    min_duration: float = 0.2  # s at constant speed; noise of currents is correlated over tens of milliseconds
+    min_travel: float = 0.02  # rad or m; over less, gravity's sine and cosine cannot be told from a constant
+    min_samples: int = 12  # of a run
+    # Largest departure of the smoothed speed from its level, as a share; a sinusoid's top within 0.03 is a third of its
+    # way, below `plateau_share`, so a sinusoid is never taken for a constant speed.
+    speed_tolerance: float = 0.03
+    plateau_share: float = 0.4  # of a movement's way, below which its constant part does not represent it: a stroke
+    held_share: float = 0.02  # speed of a held joint, as a share of the moving joint's, up to which it counts as held
+    held_drift: float = 0.02  # rad or m of a held joint during a run; 0.02 rad change a gravity load by 2 % at most
+    rest_speed: float = 0.003  # rad/s or m/s, below which a joint is at rest
+    low_speed_share: float = 0.05  # of its peak speed, below which a stroke's friction is not yet sliding
+    cell: float | None = None  # s that a cell of a block lasts; None: as the encoder needs
+    max_bins: int = 512  # of a run; of more than two turns, half as many for each turn
+    window: int = 131_072  # samples held in memory at a time; a longer movement is cut
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            is_share, wanted = name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"), ""
+            if name == "kinds":
+                kinds = (CONSTANT, STROKE, BLOCK, BOTH)
+                wanted = "" if value in kinds else f"one of {', '.join(kinds)}"
+            elif value is not None and (not value > 0 or (is_share and value >= 1)):
+                wanted = "a share, above 0 and below 1" if is_share else "above 0"
+            elif name == "window" and value < MIN_WINDOW:
+                wanted = f"at least {MIN_WINDOW} samples"
+            if wanted:
+                raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), f"give {wanted}")
+
+
+#: All defaults.
+DEFAULTS = SegmentOptions()
 
 #: Why a piece is no run; the figures in braces are filled in from it.
 REASONS: dict[str, str] = {
@@ -96,22 +168,29 @@ class Stretch:
 
 
 def record(
-    stretch: Stretch, piece: Piece, robot: Robot, *, options: SegmentOptions, clock: int
-) -> tuple[Run | None, Reject | None]:
-    """The run that a piece (not empty) of a stretch is, and what of it is left out; `clock` numbers the recording."""
+    stretch: Stretch, piece: Piece, robot: Robot, *, body: RigidBody, options: SegmentOptions, clock: int
+) -> tuple[list[Run], Reject | None]:
+    """The runs that a piece (not empty) of a stretch is, and what of it is left out; `clock` numbers the recording.
+
+    `body` says what each joint feels in blocks.
+    """
     log = stretch.log.part(slice(piece.start, piece.stop))
     log = replace(log, current=np.where(np.abs(log.current) < LARGEST, log.current, np.nan))
-    run, n_lost = None, len(log)
-    if piece.is_run:
+    runs, n_lost = [], len(log)
+    if piece.label == BLOCK:
+        runs = block_runs(log, stretch.time[piece.start : piece.stop], body, length=options.cell)
+        n_lost *= not runs
+        piece = replace(piece, label="several-joints" if len(piece.joints) > 1 else "speed-not-constant")
+    elif piece.is_run:
         moving = log.current[:, piece.joints[0] - 1]
         # A current of 0 throughout is that of a motor that is off.
         measured = np.flatnonzero(np.isfinite(moving) & np.nan_to_num(moving).any())
-        run = _run(stretch, piece, log, measured=measured, robot=robot, options=options) if len(measured) else None
-        run = run and replace(run, clock=clock)
-        n_lost -= len(measured) if run else 0
+        runs = _run_alone(stretch, piece, log, measured=measured, robot=robot, options=options) if len(measured) else []
+        n_lost -= len(measured) * len(runs)
         piece = replace(piece, label="no-current")
+    runs = [replace(run, clock=clock, stamp_error=stretch.stamp_error) for run in runs]
     if not n_lost:
-        return run, None
+        return runs, None
     duration = float(log.time[-1] - log.time[0])
     units = [robot.joint(joint).position_unit for joint in piece.joints] or ["rad"]
     text = REASONS[piece.label].format(
@@ -126,19 +205,38 @@ def record(
         options=options,
     )
     rows, start = (int(log.rows[0]), int(log.rows[-1])), float(log.time[0])
-    facts = (log.origin, *rows, start, duration, piece.joints, piece.label, text, n_lost)
-    return run, Reject(*facts, clock=clock)
+    return runs, Reject(log.origin, *rows, start, duration, piece.joints, piece.label, text, n_lost, clock=clock)
 
 
-def _run(
+def _run(part: Log, bins: Bins, joint: int, *, position: Floats, kind: str, **more: Any) -> Run:
+    """Samples of a log as a run of a joint; `position` (N, J) has the posture as its mean, `more` are other fields."""
+    posture = position.mean(axis=0)
+    posture[joint - 1] = np.nan
+    return Run(
+        joint=joint,
+        kind=kind,
+        origin=part.origin,
+        first_row=int(part.rows[0]),
+        last_row=int(part.rows[-1]),
+        start=float(part.time[0]),
+        duration=float(part.time[-1] - part.time[0]),
+        posture=posture,
+        ripple=float(np.std(bins.velocity)),
+        temperature=float(finite_means(bins.temperature, np.zeros(1, np.int64), bins.count)[0]),
+        bins=bins,
+        **more,
+    )
+
+
+def _run_alone(
     stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, robot: Robot, options: SegmentOptions
-) -> Run | None:
-    """A run, `measured` of whose samples have a current; None of a stroke for which these are too few."""
+) -> list[Run]:
+    """The run of one joint that a piece is, `measured` of whose samples have a current; none where too few have."""
     joint, part = piece.joints[0], log.part(measured)
     position, time = log.position[:, joint - 1], log.time
     if piece.label == STROKE:
         speed = float((position[-1] - position[0]) / max(time[-1] - time[0], 1e-12))
-        bins = stroke_bins(log, joint, time=stretch.time[piece.start : piece.stop], window=piece.window)
+        bins: Bins | None = stroke_bins(log, joint, time=stretch.time[piece.start : piece.stop], window=piece.window)
     else:
         t = time - time.mean()
         speed = float(t @ (position - position.mean())) / max(float(t @ t), 1e-300)
@@ -146,27 +244,10 @@ def _run(
         size = math.ceil(options.max_bins * min(max(turns, MANY_TURNS), MOST_TURNS) / MANY_TURNS)
         bins = _constant_bins(stretch, piece, log, measured=measured, size=size)
     if bins is None:
-        return None
-    posture = part.position.mean(axis=0)
-    posture[joint - 1] = np.nan
-    warmth = np.full(1, np.nan) if part.temperature is None else part.temperature[:, joint - 1]
-    return Run(
-        joint=joint,
-        kind=piece.label,
-        origin=part.origin,
-        first_row=int(part.rows[0]),
-        last_row=int(part.rows[-1]),
-        start=float(part.time[0]),
-        duration=float(part.time[-1] - part.time[0]),
-        posture=posture,
-        span=(float(position[0]), float(position[-1])),
-        speed=speed,
-        ripple=float(np.std(bins.velocity)),
-        temperature=float(finite_means(warmth, np.zeros(1, np.int64))[0]),
-        samples=len(part),
-        bins=bins,
-        stamp_error=stretch.stamp_error,
-    )
+        return []
+    span = (float(position[0]), float(position[-1]))
+    more: dict[str, Any] = {"kind": piece.label, "span": span, "speed": speed, "samples": len(part)}
+    return [_run(part, bins, joint, position=part.position, **more)]
 
 
 def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, size: int) -> Bins:
@@ -326,3 +407,147 @@ def _variance(position: Floats) -> float:
             inner = position[2 * lag : -lag] - position[lag : -2 * lag]
             variances.append(float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * inner) ** 2)) / 20.0)
     return min(variances, default=0.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cells:
+    """M cells of a block, one every `step` s: means over a window of three cells, of what was sampled or follows of it.
+
+    `time` (M,) s; `position`, `velocity`, `acceleration` and `current` (M, J), the current NaN where the joint may
+    stick or where one was not measured; `columns` of each joint are (M, p): A per unit of each parameter it feels.
+    """
+
+    step: float
+    time: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    current: Floats
+    columns: tuple[Floats, ...]
+
+
+def cell_length(time: Floats, position: Floats, noise: Floats) -> float:
+    """s; the shortest cell in which accelerations are known, from (N,) times, (N, J) positions and their noise (J,).
+
+    Source: the noise of second differences that pass three means over T, sigma sqrt(6 dt / T) / T^2.
+    """
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    width = max(round(SHORTEST_CELL / step), 1)
+    smooth = _filtered(position.T - position[:1].T, width)
+    rates = np.sqrt(np.mean(np.diff(smooth, 2, axis=1) ** 2, axis=1)) / (width * step) ** 2
+    wanted = ACCELERATION_NOISE * np.maximum(rates, 1e-12)
+    lengths = (noise * math.sqrt(6.0 * step) / wanted) ** 0.4
+    moving = rates > 1e-3 * rates.max(initial=0.0)
+    return float(np.clip(lengths[moving].max(initial=0.0), max(SHORTEST_CELL, step), LONGEST_CELL))
+
+
+def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, length: float) -> Cells | None:
+    """A block of (N,) times, (N, J) positions and currents in cells of some `length` (s); None where it is too short.
+
+    Velocities and accelerations are plain central differences: the one filter smooths them, products of them, and the
+    current alike, so that least squares returns the truth whatever the motion.
+
+    Source: M. Gautier, ICRA 1997 (parallel filtering), with differences inside the filter.
+    """
+    step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
+    if len(time) < 3 or step <= 0.0:
+        return None
+    even = time[0] + step * np.arange(len(time))
+    if np.abs(np.diff(time) - step).max() > UNEVEN * step:
+        position = np.column_stack([np.interp(even, time, column) for column in position.T])
+        current = np.column_stack([np.interp(even, time, column) for column in current.T])
+    width = max(round(length / step), 1)
+    if len(time) - 2 < 4 * width:
+        return None
+    q = np.ascontiguousarray(position.T)
+    rate = (q[:, 2:] - q[:, :-2]) / (2.0 * step)
+    acceleration = (q[:, 2:] - 2.0 * q[:, 1:-1] + q[:, :-2]) / step**2
+    inner = q[:, 1:-1]
+    sampled = np.where(np.abs(rate) < STICKING, np.nan, current.T[:, 1:-1])
+    motion = np.concatenate([even[None, 1:-1] - even[0], inner, rate, acceleration])
+    middle = _filtered(motion, width).T
+    position, velocity, curve = np.split(middle[:, 1:], 3, axis=1)
+    parts: list[list[Floats]] = []
+    size = max(CHUNK // width, 1) * width
+    for first in range(0, inner.shape[1], size):
+        part = slice(first, first + size)
+        rows = body.rows(inner[:, part], rate[:, part], acceleration[:, part])
+        parts.append([_weighted(columns, width) for columns in rows])
+    columns = tuple(_summed(np.concatenate(part, axis=1)).T for part in zip(*parts, strict=True))
+    drawn = _filtered(np.nan_to_num(sampled), width)
+    drawn[_filtered(np.isnan(sampled).astype(float), width) > 1e-9] = np.nan
+    return Cells(width * step, even[0] + middle[:, 0], position, velocity, curve, drawn.T, columns)
+
+
+def _filtered(values: Floats, width: int) -> Floats:
+    """(K, M) of (K, N): means over `width` samples, `ROUNDS` times one after another, every `width`-th of them."""
+    return _summed(_weighted(values, width))
+
+
+def _weighted(values: Floats, width: int) -> Floats:
+    """(K, N // width, ROUNDS) sums over cells of (K, N) values, by their weights in each mean that they enter."""
+    mean = np.full(width, 1.0 / width)
+    kernel = np.convolve(np.convolve(mean, mean), mean)
+    weights = np.pad(kernel, (1, 1)).reshape(ROUNDS, width)
+    count = values.shape[1] // width
+    return values[:, : count * width].reshape(len(values), count, width) @ weights.T
+
+
+def _summed(weighted: Floats) -> Floats:
+    """(K, M) means over cells and their neighbours."""
+    count = weighted.shape[1] - ROUNDS + 1
+    return np.sum([weighted[:, k : k + count, k] for k in range(ROUNDS)], axis=0)
+
+
+def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None = None) -> list[Run]:
+    """A piece of any motion as blocks, each a run of every joint that moves and draws current in it.
+
+    `time` (N,) s is when its samples were taken, `length` (s) that of a cell, where not as the encoder needs.
+    """
+    current = np.where(np.nan_to_num(log.current).any(axis=0), log.current, np.nan)
+    noise = np.array([position_noise(column) for column in log.position.T])
+    table = cells(time, log.position, current, body=body, length=length or cell_length(time, log.position, noise))
+    if table is None:
+        return []
+    duration = float(time[-1] - time[0])
+    count = max(round(duration / min(max(duration / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)), 1)
+    edges = np.linspace(time[0], time[-1], count + 1)
+    sample = np.clip(np.searchsorted(time, edges), 0, len(time) - 1).tolist()
+    runs = []
+    blocks = np.split(np.arange(len(table.time)), np.searchsorted(table.time, edges[1:-1]))
+    for rows, first, last in zip(blocks, sample[:-1], sample[1:], strict=True):
+        part = log.part(slice(first, last + 1))
+        for joint in range(1, log.position.shape[1] + 1):
+            chosen = rows[np.isfinite(table.current[rows, joint - 1])]
+            if len(chosen) >= FEWEST_CELLS:
+                bins = _block_bins(log, time, table, joint=joint, rows=chosen)
+                moving, speed = bins.position[:, joint - 1], float(np.sqrt(np.mean(bins.velocity**2)))
+                more: dict[str, Any] = {"span": (float(moving.min()), float(moving.max())), "speed": speed}
+                more |= {"kind": BLOCK, "samples": int(bins.count.sum())}
+                runs.append(_run(part, bins, joint, position=bins.position, **more))
+    return runs
+
+
+def _block_bins(log: Log, time: Floats, table: Cells, *, joint: int, rows: Counts) -> Bins:
+    """Some cells of one joint as bins."""
+    moving, at = joint - 1, table.time[rows]
+    width = max(round(table.step * (len(time) - 1) / float(time[-1] - time[0])), 1)
+    starts = np.searchsorted(time, at - 0.5 * table.step)
+    inside = np.clip(starts[:, None] + np.arange(width), 0, len(time) - 1)
+    beside = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
+    sampled, place = np.nan_to_num(log.current[inside, moving]), np.arange(width) - 0.5 * (width - 1)
+    slope = sampled @ place / max(float(place @ place), 1.0)
+    velocity, n_columns = table.velocity[rows], table.columns[0].shape[1]
+    return Bins(
+        count=np.full(len(rows), width),
+        time=at,
+        position=table.position[rows],
+        velocity=velocity[:, moving],
+        acceleration=table.acceleration[rows, moving],
+        current=table.current[rows, moving],
+        variance=(sampled - slope[:, None] * place).var(axis=1),  # about a straight line
+        temperature=np.full(len(rows), np.nan) if log.temperature is None else log.temperature[beside, moving],
+        extra=None if log.extra is None else log.extra[beside],
+        velocities=velocity,
+        rigid_body=np.pad(table.columns[moving][rows], ((0, 0), (n_columns - table.columns[moving].shape[1], 0))),
+    )

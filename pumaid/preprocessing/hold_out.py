@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Dataset, Run
+from pumaid.dataset import BLOCK, STROKE, Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.kinematics import posture_groups
-from pumaid.preprocessing.options import STROKE
 from pumaid.trajectory import Plan
 
 #: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.

@@ -20,9 +20,9 @@ from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
 from pumaid.preprocessing import clock
+from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.log_checks import findings
 from pumaid.preprocessing.log_statistics import LogStatistics
-from pumaid.preprocessing.options import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.segment import bounded, segment
 from pumaid.robot import Robot
 

@@ -10,13 +10,11 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Dataset, Log, Reject, Run, coarser, finite_means, spans
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Log, Reject, Run, coarser, finite_means, spans
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing import clock
-from pumaid.preprocessing.binning import Piece, Stretch, record, sliding
+from pumaid.preprocessing.binning import DEFAULTS, LARGEST, Piece, SegmentOptions, Stretch, record, sliding
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
-from pumaid.preprocessing.motion_cells import block_runs
-from pumaid.preprocessing.options import CONSTANT, DEFAULTS, LARGEST, STROKE, SegmentOptions
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
@@ -133,14 +131,10 @@ class _Segmenter:
             clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
             before = Piece(0, 0, "")
             for piece in (piece for piece in clipped if piece.stop > piece.start):
-                if piece.label == BLOCK:
-                    blocks = block_runs(stretch, piece, self._body, clock=self._clock, length=self._options.cell)
-                    self.runs += blocks
-                    if blocks:
-                        continue
-                    piece = replace(piece, label="several-joints" if len(piece.joints) > 1 else "speed-not-constant")
-                run, reject = record(stretch, piece, self._robot, options=self._options, clock=self._clock)
-                self.runs += [replace(run, lead=_lead(stretch, before, run))] if run else []
+                runs, reject = record(
+                    stretch, piece, self._robot, body=self._body, options=self._options, clock=self._clock
+                )
+                self.runs += [replace(run, lead=_lead(stretch, before, run)) for run in runs]
                 self.rejects += [reject] if reject else []
                 before = piece
         self.runs = bounded(self.runs)

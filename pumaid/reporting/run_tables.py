@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, Dataset, Reject, Run
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
 from pumaid.kinematics import roll_pitch_yaw
-from pumaid.preprocessing.options import CONSTANT, STROKE
 from pumaid.reporting.formatting import (
     in_unit,
     listed,

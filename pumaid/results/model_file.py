@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from pumaid import __version__
-from pumaid.dataset import BLOCK
+from pumaid.dataset import BLOCK, STROKE
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
-from pumaid.preprocessing.options import STROKE
 from pumaid.results.documents import FORMAT, as_text, plain, read_document, record_from, sealed
 from pumaid.robot import Robot
 

@@ -7,8 +7,7 @@ from test_rigid_body import engine, torques
 
 from pumaid.dataset import Log
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.preprocessing.motion_cells import LONGEST, SHORTEST, cell_length, cells
-from pumaid.preprocessing.options import SegmentOptions
+from pumaid.preprocessing.binning import LONGEST_CELL, SHORTEST_CELL, SegmentOptions, cell_length, cells
 from pumaid.preprocessing.segment import segment
 from pumaid.rigid_body import base_parameters
 
@@ -51,7 +50,7 @@ def test_cells_where_a_joint_may_stick_or_was_not_measured_have_no_current():
     assert np.mean(np.isnan(table.current[:, 0]) == slow) > 0.98
 
 
-@pytest.mark.parametrize(("counts", "low", "high"), [(1e6, SHORTEST, 0.03), (2.5e3, 0.06, LONGEST)])
+@pytest.mark.parametrize(("counts", "low", "high"), [(1e6, SHORTEST_CELL, 0.03), (2.5e3, 0.06, LONGEST_CELL)])
 def test_coarse_encoders_get_longer_cells(counts, low, high):
     """What is left of an encoder's steps in the acceleration is a half percent of it, or the longest cell is taken."""
     rng = np.random.default_rng(6)
@@ -71,7 +70,7 @@ def test_cells_last_as_long_as_asked():
     t, (q, *_) = fourier(np.random.default_rng(5), 2, SECONDS, RATE)
     log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
     robot = read_recipe(shipped_recipes()["pendulum2"])
-    for cell, wanted in ((None, SHORTEST), (0.06, 0.06)):
+    for cell, wanted in ((None, SHORTEST_CELL), (0.06, 0.06)):
         runs = segment([log], robot, options=SegmentOptions(cell=cell)).runs
         assert {run.kind for run in runs} == {"block"}
         assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(wanted, rel=1e-9)

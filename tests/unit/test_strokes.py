@@ -6,8 +6,7 @@ from worlds import course, run_of
 
 from pumaid.dataset import Dataset, Log
 from pumaid.estimation.estimate import identify
-from pumaid.preprocessing.binning import sliding, stroke_bins
-from pumaid.preprocessing.options import SegmentOptions
+from pumaid.preprocessing.binning import SegmentOptions, sliding, stroke_bins
 from pumaid.robot import Joint, Robot
 
 LEVER = Robot("lever", (Joint(1, "lever", "revolute"),), (0.0, -9.80665, 0.0))

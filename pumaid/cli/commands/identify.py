@@ -57,8 +57,8 @@ def command(
       pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
+    from pumaid.dataset import CONSTANT
     from pumaid.effect_spec import chosen_by
-    from pumaid.preprocessing.options import CONSTANT
     from pumaid.reporting.tables import combination_table, parameter_table
     from pumaid.results.history import keep
     from pumaid.results.model_file import model_document, write_model

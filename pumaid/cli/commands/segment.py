@@ -58,7 +58,7 @@ def command(
       pumaid segment logs/ --units deg --picture runs.png
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
-    from pumaid.preprocessing.options import SegmentOptions
+    from pumaid.preprocessing.binning import SegmentOptions
     from pumaid.reporting.documents import runs_csv, segments_document
     from pumaid.reporting.run_tables import rejection_table, rejects_table, run_table, runs_by_joint_table
     from pumaid.results.documents import heading

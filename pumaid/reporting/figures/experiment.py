@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
 from scipy.spatial import ConvexHull
 
-from pumaid.dataset import Dataset, Reject, Run
+from pumaid.dataset import Dataset, Reject, Run, STROKE
 from pumaid.maths import Floats
-from pumaid.preprocessing.options import STROKE
 from pumaid.reporting.figures.style import (
     BACKWARD,
     FAINT,
