@@ -151,9 +151,9 @@ def slugs_of(stderr: str) -> set[str]:
 #: Notes that say of numbers that they may be wrong; others only tell what was left out or is not there.
 WARNINGS = {
     "beyond-limits", "clock-jitter", "current-dropouts", "current-frozen",
-    "current-saturated", "current-size", "current-spikes", "few-runs", "friction-falls-with-speed",
-    "logs-disagree", "model-misses", "position-held", "position-wraps", "rate-low",
-    "repeats-differ", "run-stands-out", "sign-odd", "units-disagree", "velocity-sign",
+    "current-saturated", "current-spikes", "few-runs", "friction-falls-with-speed",
+    "logs-disagree", "model-misses", "position-held", "position-wraps", "time-unit",
+    "repeats-differ", "run-stands-out", "sign-odd", "units-disagree",
     "velocity-unrelated",
 }  # fmt: skip
 

@@ -19,10 +19,8 @@ from pumaid.dataset import Dataset, FileFacts, Reject, Run
 from pumaid.errors import Faults, LogError, Note, PumaidError, Where
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
-from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.log_checks import findings
-from pumaid.preprocessing.log_statistics import LogStatistics
+from pumaid.preprocessing.log_checks import LogStatistics, findings
 from pumaid.preprocessing.segment import bounded, segment
 from pumaid.robot import Robot
 
@@ -86,7 +84,7 @@ def ingest(
     refused = refused or list({fault.slug: fault for fault in reversed(faults)}.values())[::-1]
     notes = [*_summarised(dataset.notes), *_refused(refused, trust=trust)]
     notes += [item for item in of_all if isinstance(item, Note)]
-    notes += [*clock.notes(dataset.runs), *_refused(_copies(dataset.files), trust=trust)]
+    notes += _refused(_copies(dataset.files), trust=trust)
     return replace(dataset, notes=tuple(notes))
 
 
@@ -95,8 +93,7 @@ def read_file(
 ) -> tuple[Dataset, LogStatistics]:
     """Read and segment one file, whose recordings count from 0; with sums by which its columns are checked."""
     reader, sums = LogReader((path,), robot, extra=extra), LogStatistics(robot)
-    dataset = segment(map(sums.take, reader), robot, options=options)
-    return replace(dataset, files=tuple(reader.files), notes=tuple(reader.notes), extra=tuple(reader.extra)), sums
+    return segment(reader, robot, options=options, watch=sums.take), sums
 
 
 def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:

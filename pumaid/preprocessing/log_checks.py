@@ -1,23 +1,58 @@
-"""Checks of logs that do not mean what the recipe says: a table of slug, test, message and fix.
+"""Checks of logs that do not mean what the recipe says: running statistics, and a table of slug, test, message and fix.
 
 Each test looks at the statistics of one file, or of all, and yields the figures of each finding.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from pumaid.dataset import Log, finite_means
 from pumaid.errors import LogError, Note, Where
-from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.robot import Joint, Robot
 from pumaid.units import UNITS, factor, number
 
 #: What a test yields: figures of the message, and `joint` (from 1) where it is one joint's, `fault` where not the rule.
 Found = Iterator[dict[str, Any]]
+
+#: s; displacements and mean currents are taken over windows of this: encoder noise averages out, a stroke has many.
+WINDOW = 0.1
+#: s; a longer window spans a gap and is left out.
+LONGEST_WINDOW = 0.25
+#: rad/s and m/s; below it a joint counts as held (noise of 1e-4 rad over a window is 1e-3 rad/s).
+SLOW = {"revolute": 0.02, "prismatic": 0.005}
+#: A joint moves alone where all others are this much slower, relative to its own speed.
+ALONE = 0.05
+#: rad or m; held positions that differ less are one posture; and postures a joint that are distinguished.
+SAME_POSTURE, POSTURES = 0.1, 300
+#: Share of a window's velocities that must be numbers, and of its positions that repeat where a position is held.
+VELOCITIES, OFTEN = 0.5, 0.3
+#: Intervals from which the sampling rate is taken.
+INTERVALS = 20_000
+#: Fewest samples of a window that can be flat.
+FLAT = 3
+
+#: Totals of which the least or the largest of two parts counts, and what they begin with; all others add up from 0.
+EXTREMES: dict[str, tuple[np.ufunc, float]] = {
+    **dict.fromkeys(("lowest", "least_current", "least_step"), (np.fmin, math.inf)),
+    **dict.fromkeys(("highest", "most_current"), (np.fmax, -math.inf)),
+}
+#: Totals of each joint.
+TOTALS = (
+    *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
+    *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
+)
+
+#: No values.
+_NONE = np.zeros(0)
 
 #: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
 MOVED = 0.2
@@ -46,6 +81,163 @@ STILL_TIME, UNEQUAL = 0.5, 2.0
 ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
 #: A; what motors of arms draw at most lies between.
 SMALL, LARGE = 0.02, 200.0
+
+
+class LogStatistics:
+    """Running statistics of J joints, fed batch by batch; "moving" is by windows of 0.1 s.
+
+    Attributes
+    ----------
+    totals
+        By name: ``lowest``, ``highest`` (J,) positions, rad or m; ``path``, ``seconds``, ``speed_squares`` (J,) way,
+        time and integral of the squared speed while moving; ``windows`` while moving and those ``held``, whose position
+        often repeats, and there ``step_sum``, ``step_count``, ``least_step`` of its steps other than 0 (rad or m);
+        ``least_current``, ``most_current`` (J,) A while moving, and samples with a current, ``moving``; ``pairs`` of
+        neighbours while moving, those with the ``same`` current, windows in which all are, ``flat``, and ``zeros``
+        while moving, in windows with other currents; ``products`` (2J, 2J) over windows of displacements and integrated
+        velocity columns; ``copied``, ``compared`` (J, J) windows in which the mean currents of two joints are the same
+        and not zero, and that have both.
+    groups
+        By joint (from 0) and posture of the others, over windows in which it moves alone, (4 + J, 4 + J) sums of
+        products of (1, cos, sin, direction, all mean currents).
+    levels
+        By joint: the two largest of positive currents, of the sizes of negative ones, and of minus the sizes of those
+        that are not zero (A) while moving, and how often each occurs.
+    intervals
+        First time steps (s).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        n = robot.n_joints
+        self.robot, self.origin = robot, ""
+        self.totals = {name: np.full(n, EXTREMES.get(name, (None, 0.0))[1]) for name in TOTALS}
+        self.totals |= {"products": np.zeros((2 * n, 2 * n)), "copied": np.zeros((n, n)), "compared": np.zeros((n, n))}
+        self.intervals = np.zeros(0)
+        self.levels: list[list[Counter[float]]] = [[Counter(), Counter(), Counter()] for _ in range(n)]
+        self.groups: defaultdict[int, dict[tuple[int, ...], Floats]] = defaultdict(dict)
+        self._rest: Log | None = None
+
+    def _add(self, **parts: Floats) -> None:
+        for name, values in parts.items():
+            merge = EXTREMES[name][0] if name in EXTREMES else np.add
+            self.totals[name] = merge(self.totals[name], values)
+
+    def take(self, log: Log) -> None:
+        """Add a batch; windows that are whole are summed, the rest waits for the next of its clock."""
+        if not len(log):
+            return
+        self.origin = self.origin or log.origin
+        missing = INTERVALS - len(self.intervals)
+        self.intervals = np.concatenate([self.intervals, np.diff(log.time[: missing + 1])])
+        self._add(lowest=np.fmin.reduce(log.position), highest=np.fmax.reduce(log.position))
+        if self._rest is not None and not log.starts_clock:
+            log = Log.joined([self._rest, log])
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(np.floor(log.time / WINDOW))) + 1])
+        self._rest = log.part(slice(int(edges[-1]), None))
+        if len(edges) > 1:
+            self._add_windows(log, edges)
+
+    def absorb(self, other: LogStatistics) -> None:
+        """Add the statistics of another file of the same robot, which must not be fed any more."""
+        self.origin = self.origin or other.origin
+        self._add(**other.totals)
+        self.intervals = np.concatenate([self.intervals, other.intervals])[:INTERVALS]
+        for j in range(self.robot.n_joints):
+            self.levels[j] = [_largest(a + b) for a, b in zip(self.levels[j], other.levels[j], strict=True)]
+            self._add_groups(j, other.groups[j])
+
+    def interval(self) -> float:
+        """Median time between samples (s), NaN if there is none."""
+        return float(np.median(self.intervals)) if len(self.intervals) else float("nan")
+
+    def agreement(self) -> Floats:
+        """(J, J) correlation of the displacement of joint a with velocity column b; 0 where nothing shows."""
+        n, products = self.robot.n_joints, self.totals["products"]
+        scale = np.sqrt(np.outer(np.diag(products)[:n], np.diag(products)[n:]))
+        return np.divide(products[:n, n:], scale, out=np.zeros_like(scale), where=scale > 0)
+
+    def _add_windows(self, log: Log, edges: Counts) -> None:
+        """Add the windows between `edges`; what follows the last edge is no whole window."""
+        starts, counts = edges[:-1], np.diff(edges)
+        seconds, change = np.diff(log.time[edges])[:, None], np.diff(log.position[edges], axis=0)
+        usable = (seconds <= LONGEST_WINDOW) & np.isfinite(change).all(axis=1, keepdims=True)
+        speed = np.where(usable, change / seconds, 0.0)
+        size = np.abs(speed)
+        moves = size > np.array([SLOW[joint.kind] for joint in self.robot.joints])
+        way, lasting = moves * size * seconds, moves * seconds
+        sums = {"windows": moves, "path": way, "seconds": lasting, "speed_squares": way * size}
+        self._add(**{name: values.sum(axis=0) for name, values in sums.items()})
+        middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
+        log = log.part(slice(0, int(edges[-1])))
+        if log.velocity is not None:
+            measured = _counts(np.isfinite(log.velocity), starts) > VELOCITIES * counts[:, None]
+            both = np.hstack([change, finite_means(log.velocity, starts) * seconds])
+            both = both[usable[:, 0] & measured.all(axis=1)]
+            self._add(products=both.T @ both)
+        follows = np.ones((len(log), 1), np.bool_)  # another sample of its window
+        follows[starts] = False
+        step = np.abs(np.diff(log.position, axis=0, prepend=log.position[:1]))
+        often = moves & (_counts(follows & (step == 0.0), starts) >= OFTEN * counts[:, None])
+        if often.any():
+            chosen = follows & (step > 0.0) & np.repeat(often, counts, axis=0)
+            least, total = np.where(chosen, step, np.inf).min(axis=0), np.where(chosen, step, 0.0).sum(axis=0)
+            self._add(held=often.sum(axis=0), step_count=chosen.sum(axis=0), step_sum=total, least_step=least)
+        if moves.any():
+            sampled = np.repeat(moves, counts, axis=0) & np.isfinite(log.current)
+            self._add_currents(log.current, sampled, follows, starts)
+            self._add_directions(speed, moves, middle, finite_means(log.current, starts))
+
+    def _add_currents(self, current: Floats, moving: Flags, follows: Flags, starts: Counts) -> None:
+        """Add extremes, repeats and zeros of (N, J) currents where they are measured while `moving`."""
+        both = follows[1:] & moving[1:] & moving[:-1]
+        same = both & (current[1:] == current[:-1])
+        self._add(moving=moving.sum(axis=0), pairs=both.sum(axis=0), same=same.sum(axis=0))
+        low = np.minimum.reduceat(np.where(moving, current, np.inf), starts)
+        high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
+        counts, zeros = _counts(moving, starts), _counts(moving & (current == 0.0), starts)
+        flat, zeros = (low == high) & (counts >= FLAT), np.where(zeros < counts, zeros, 0)
+        self._add(least_current=low.min(axis=0), most_current=high.max(axis=0))
+        self._add(flat=flat.sum(axis=0), zeros=zeros.sum(axis=0))
+        for j in np.flatnonzero(moving.any(axis=0)).tolist():
+            values = current[moving[:, j], j]
+            sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
+            self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]
+
+    def _add_directions(self, speed: Floats, moves: Flags, middle: Floats, mean: Floats) -> None:
+        """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
+        measured = np.isfinite(mean).astype(float)
+        same = (mean[:, :, None] == mean[:, None, :]) & (mean != 0.0)[:, None, :]
+        self._add(compared=measured.T @ measured, copied=same.sum(axis=0))
+        size = np.abs(speed)
+        for j in np.flatnonzero(moves.any(axis=0)).tolist():
+            alone = moves[:, j] & (np.delete(size, j, axis=1).max(axis=1, initial=0.0) < ALONE * size[:, j])
+            way, angle = np.sign(speed[alone, j]), middle[alone, j]
+            rows = np.column_stack([np.ones(len(way)), np.cos(angle), np.sin(angle), way, np.nan_to_num(mean[alone])])
+            held = np.round(np.delete(middle[alone], j, axis=1) / SAME_POSTURE).astype(np.int64)
+            postures, which = np.unique(held, axis=0, return_inverse=True)
+            parts = [rows[which.reshape(-1) == k] for k in range(len(postures))]
+            names = map(tuple, postures.tolist())
+            self._add_groups(j, {name: part.T @ part for name, part in zip(names, parts, strict=True)})
+
+    def _add_groups(self, j: int, more: Mapping[tuple[int, ...], Floats]) -> None:
+        groups = self.groups[j]
+        for posture, sums in more.items():
+            if posture in groups or len(groups) < POSTURES:
+                groups[posture] = groups.get(posture, 0.0) + sums
+
+
+def _counts(flags: Flags, starts: Counts) -> Counts:
+    """(W, J) of true (N, J) flags from each start on."""
+    return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
+
+
+def _largest(total: Counter[float], values: Floats = _NONE) -> Counter[float]:
+    """The two largest of counted levels and of (N,) values, and how often each occurs."""
+    for _ in range(2):
+        level = values.max(initial=-math.inf)
+        total = total + Counter({float(level): int(np.count_nonzero(values == level))})
+        values = values[values < level]
+    return Counter(dict(sorted(total.items())[-2:]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,18 +288,19 @@ class JointSignals:
         self.limits = f"{number(self.low)} to {number(self.high)}"
         self.has_moved = bool(self.path > MOVED)
         self.speed = math.sqrt(self.speed_squares / max(self.seconds, 1e-12))
-        self.integral, self.match = sums.products[n + k, n + k], np.abs(sums.agreement()[k])
+        products = sums.totals["products"]
+        self.integral, self.match = products[n + k, n + k], np.abs(sums.agreement()[k])
         self.agrees = float(self.match[k])  # correlation of displacement and velocity column
         #: Displacement per integrated velocity, NaN where the joint did not move or they do not belong together.
         is_known = self.agrees > AGREES and self.path > 0
-        self.ratio = float(sums.products[k, n + k] / self.integral) if is_known else math.nan
+        self.ratio = float(products[k, n + k] / self.integral) if is_known else math.nan
         self.is_off = (self.has_moved or self.integral > (MOVED * WINDOW) ** 2) and abs(self.ratio - 1.0) >= RATIO_FINE
         self.is_constant = self.least_current == self.most_current and self.moving >= FLAT_COUNT
         self.is_measured = self.has_moved and self.moving > 0 and not self.is_constant
         self.largest = max(-self.least_current, self.most_current)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.sums, name)[self.k]
+        return self.sums.totals[name][self.k]
 
     def outside(self, scale: float = 1.0) -> float:
         """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
@@ -124,17 +317,11 @@ class JointSignals:
         first = changes(f"{prefix}position", usual, 1) + changes("time", "s", -1)
         return first, changes(f"{prefix}velocity", f"{usual}/s", -1)
 
-    @property
-    def gear(self) -> str:
-        """A remark where the velocity column is the motor's."""
-        ratio = self.joint.gear_ratio or math.nan
-        is_motor = abs(abs(self.ratio * ratio) - 1.0) < UNIT_MATCH
-        return f" (the ratio is that of the gear, {number(ratio)}: the column is the motor's speed)" if is_motor else ""
-
     @cached_property
     def flat_top(self) -> tuple[str, int] | None:
         """Level (A) of a flat top on either side, and how many samples have it; the side with the larger current."""
-        sides = [(max(counts), sign, counts) for sign, counts in zip((1, -1), self.levels, strict=False) if counts]
+        both = zip((1, -1), self.sums.levels[self.k], strict=False)
+        sides = [(max(counts), sign, counts) for sign, counts in both if counts]
         for level, sign, counts in sorted(sides, key=lambda side: -side[0]):
             below = sum(counts.values()) - counts[level]
             if counts[level] >= max(FLAT_COUNT, FLAT_SHARE * self.moving, FLAT_RATIO * below):
@@ -155,7 +342,7 @@ class JointSignals:
     @property
     def has_zeros(self) -> bool:
         """Whether zeros are far more than currents next to zero; one in steps is as often one step away."""
-        nearest = self.levels[2]
+        nearest = self.sums.levels[self.k][2]
         beside = nearest[max(nearest)] if nearest else 0
         return bool(self.zeros >= max(ZEROS, ZERO_SHARE * self.moving, ZERO_RATIO * beside))
 
@@ -181,17 +368,14 @@ def _other_units(robot: Robot, key: str, usual: str, fits: Callable[[float], boo
 
 def _time_unit(sums: LogStatistics) -> Found:
     interval, unit = sums.interval(), sums.robot.log.units.get("time", "s")
-    if interval >= SLOWEST or interval <= FASTEST:
+    is_impossible = interval >= SLOWEST or interval <= FASTEST
+    if is_impossible or interval > COARSE:
         fitting = _other_units(sums.robot, "time", "s", lambda scale: USUAL[0] <= interval * scale <= USUAL[1])
         fix = f"put {' or '.join(fitting)} into the recipe's log block" if fitting else "check the time column"
         fix += "; a count of rows is no time: then write the instants" if interval == factor(unit) else ""
         rate = f"one sample every {number(interval)} s" if interval > 1 else f"{number(1 / interval)} samples a second"
-        yield {"unit": unit, "rate": rate, "fix": fix}
-
-
-def _rate_low(sums: LogStatistics) -> Found:
-    if COARSE < sums.interval() < SLOWEST:
-        yield {"rate": number(1 / sums.interval())}
+        why = "no rate of an arm" if is_impossible else "too few to see where an arm speeds up; log 50 or more"
+        yield {"unit": unit, "rate": rate, "why": why, "fix": fix, "fault": is_impossible}
 
 
 def _position_unit(sums: LogStatistics, *, read: str, meant: str) -> Found:
@@ -252,8 +436,9 @@ def _currents_swapped(sums: LogStatistics) -> Found:
     """
     moved_to: dict[int, int] = {}
     changes = []
-    is_measured, n = (sums.moving > 0) | (sums.path <= MOVED), sums.robot.n_joints
-    for a in np.flatnonzero((sums.path >= MOVED) & is_measured).tolist():
+    (path, moving), n = (sums.totals[name] for name in ("path", "moving")), sums.robot.n_joints
+    is_measured = (moving > 0) | (path <= MOVED)
+    for a in np.flatnonzero((path >= MOVED) & is_measured).tolist():
         groups = np.array([*sums.groups[a].values()]).reshape(-1, 4 + n, 4 + n)
         gravity = np.linalg.pinv(groups[:, :3, :3], rcond=1e-9, hermitian=True)
         cross = groups[:, :3, 3:]
@@ -280,7 +465,8 @@ def _currents_swapped(sums: LogStatistics) -> Found:
 
 def _current_copied(sums: LogStatistics) -> Found:
     """Two joints whose currents are the same numbers."""
-    same = (sums.copied > FLAT_WINDOWS) & (sums.copied >= (1.0 - FLAT_TIME) * sums.compared)
+    copied, compared = sums.totals["copied"], sums.totals["compared"]
+    same = (copied > FLAT_WINDOWS) & (copied >= (1.0 - FLAT_TIME) * compared)
     yield from ({"joint": int(b) + 1, "other": int(a) + 1} for a, b in np.argwhere(np.triu(same, 1)))
 
 
@@ -292,21 +478,16 @@ def _at_rest(sums: LogStatistics) -> Found:
 
 #: Units first, since wrong ones cause much of what follows: where one is refused, the other checks are not made.
 UNIT_CHECKS = (
-    Check("time-unit", _time_unit, "with time read in {unit} there is {rate}, no rate of an arm", "{fix}",
-          column="time", fault=True),
-    Check("rate-low", _rate_low, "{rate} samples a second are too few to see where an arm speeds up and slows down",
-          "50 or more are needed for good runs", column="time"),
+    Check("time-unit", _time_unit, "with time read in {unit} there is {rate}, {why}", "{fix}", column="time"),
     *(
-        Check(slug, partial(_position_unit, read=read, meant=meant),
+        Check("units-disagree", partial(_position_unit, read=read, meant=meant),
               "positions of joint {joint}, read as {read}, run from {j.span}; {why}",
               "if they are {meant} put units: {{{key}: {meant}}} into the recipe's log block")
-        for slug, read, meant in (
-            ("looks-like-degrees", "rad", "deg"), ("units-disagree", "deg", "rad"), ("units-disagree", "m", "mm"),
-        )
+        for read, meant in (("rad", "deg"), ("deg", "rad"), ("m", "mm"))
     ),
     Check("units-disagree", _units_disagree, "position of joint {joint} changes {ratio} times as fast as its velocity "
           "column says", "put {words}", column="velocity"),
-    Check("velocity-sign", _each(lambda j: j.is_off and abs(j.ratio + 1.0) < RATIO_FINE),
+    Check("velocity-unrelated", _each(lambda j: j.is_off and abs(j.ratio + 1.0) < RATIO_FINE),
           "velocity of joint {joint} has the sign opposite to its motion", "speeds are taken from position",
           column="velocity"),
 )  # fmt: skip
@@ -323,7 +504,7 @@ OTHER_CHECKS = (
     Check("velocity-unrelated",
           _each(lambda j: j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())),
           "the velocity column of joint {joint} does not follow its position: the position changes {j.ratio:.4g} times "
-          "as fast{j.gear}", "speeds are taken from position and time; if it is the clock that is wrong, viscous "
+          "as fast", "speeds are taken from position and time; if it is the clock that is wrong, viscous "
           "friction is {j.ratio:.3g} times as large as they say", column="velocity"),
     Check("velocity-unrelated", _each(lambda j: j.has_moved and j.integral > 0 and j.agrees < UNRELATED),
           "the velocity column of joint {joint} does not follow its position; their correlation is {j.agrees:.2f}",
@@ -333,9 +514,9 @@ OTHER_CHECKS = (
                 and j.step_sum > UNEQUAL * j.least_step * j.step_count),
           "position of joint {joint} often repeats while it moves, and then jumps: it is measured less often than it "
           "is logged, or its log repeats samples", "inertia and the ends of runs suffer"),
-    Check("current-copied", _current_copied, "joints {other} and {joint} have the same current in every sample",
+    Check("current-unmeasured", _current_copied, "joints {other} and {joint} have the same current in every sample",
           "give each joint its own column; leave out one that was not measured", column="current", fault=True),
-    Check("constant-current", _each(lambda j: j.has_moved and j.is_constant),
+    Check("current-unmeasured", _each(lambda j: j.has_moved and j.is_constant),
           "current of joint {joint} is {j.least_current:.4g} A in all {j.moving:.0f} samples in which it moves",
           "name the column of the measured current; if there is none remove this one, the joint is then left out",
           column="current", fault=True),
@@ -349,7 +530,7 @@ OTHER_CHECKS = (
           "current of joint {joint} is exactly zero in {j.zeros:.0f} of {j.moving:.0f} moving samples, and hardly ever "
           "next to zero: values that were lost were written as 0, or the drive or the sensor cuts small currents off",
           "leave lost values empty; small ones that are cut off spoil friction and gravity", column="current"),
-    Check("current-size", _each(lambda j: j.is_measured and not SMALL <= j.largest <= LARGE),
+    Check("units-disagree", _each(lambda j: j.is_measured and not SMALL <= j.largest <= LARGE),
           "current of joint {joint} is {j.largest:.4g} A at most, and an arm's motor draws more than "
           f"{SMALL:g} and less than {LARGE:g} A",
           "see units: {{current: ...}} in the recipe's log block", column="current"),

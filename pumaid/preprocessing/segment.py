@@ -4,17 +4,18 @@ Joints are told at rest from moving, and movements at constant velocity from oth
 Any other motion is left out as a piece whose bins hold the means of all joints.
 """
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Log, Reject, Run, coarser, finite_means, spans
+from pumaid.errors import Note, Where
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.preprocessing import clock
 from pumaid.preprocessing.binning import DEFAULTS, LARGEST, Piece, SegmentOptions, Stretch, record, sliding
-from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
+from pumaid.preprocessing.differentiate import Ticks, round_half_up, sampling_times, slopes, usual_step
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
@@ -58,7 +59,13 @@ SETTLING, LEAVING = 0.08, 0.04
 RAMPING = 0.25
 
 
-def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFAULTS) -> Dataset:
+def segment(
+    logs: Iterable[Log],
+    robot: Robot,
+    *,
+    options: SegmentOptions = DEFAULTS,
+    watch: Callable[[Log], None] = lambda log: None,
+) -> Dataset:
     """Find the stretches in which one joint moves alone, and reduce each to bins.
 
     Speed is taken from position. A movement of one joint yields its stretches of constant velocity; where they are too
@@ -66,17 +73,32 @@ def segment(logs: Iterable[Log], robot: Robot, *, options: SegmentOptions = DEFA
     A run ends where a file ends.
 
     `logs` are consecutive batches, SI; their `starts_clock` begins a new recording, and the iterable's attributes
-    `files`, `notes` and `extra`, if any, are taken over. Runs and rejects are in order of time and together hold every
-    sample once.
+    `files`, `notes` and `extra`, if any, are taken over; `watch` is called with each batch. Runs and rejects are in
+    order of time and together hold every sample once.
     """
     segmenter = _Segmenter(robot, options)
     for log in logs:
+        watch(log)
         segmenter.add(log)
     segmenter.end_file()
     runs, rejects = tuple(segmenter.runs), segmenter.rejects
     rejects.sort(key=lambda item: (item.clock, item.start, item.first_row))
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
-    return Dataset(runs, tuple(rejects), files, (*notes, *clock.notes(runs)), extra)
+    return Dataset(runs, tuple(rejects), files, (*notes, *_clock_notes(runs)), extra)
+
+
+def _clock_notes(runs: Sequence[Run]) -> tuple[Note, ...]:
+    """A note if an even clock was taken for some runs."""
+    moved = [run for run in runs if run.stamp_error > 0.0]
+    if not moved:
+        return ()
+    error = 1e3 * math.sqrt(sum(run.stamp_error**2 for run in moved) / len(moved))
+    text = (
+        f"in {len(moved)} of {len(runs)} runs the positions show that samples were taken more evenly than their time"
+        f" stamps say, which are {error:.2g} ms RMS off; an even clock is used for them. If you can, log the instant of"
+        " sampling in microseconds"
+    )
+    return (Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row)),)
 
 
 def bounded(runs: list[Run]) -> list[Run]:
@@ -166,7 +188,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
     for part in filter(len, (part for parts in apart for part in parts)):
         samples = log.part(part)
         if len(part) >= FEWEST and good[part[0]]:
-            sampled, error = clock.sampling_times(samples.time, samples.position)
+            sampled, error = sampling_times(samples.time, samples.position)
             ticks = Ticks.of(sampled, samples.position)
             velocity, moving = _moving(ticks, options)
             fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)

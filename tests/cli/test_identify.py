@@ -81,8 +81,8 @@ def test_suspicious_logs_are_refused_unless_trusted(arm):
     angles = [column for column in log if column.startswith("q")]
     log[angles] = log[angles] * 57.29578
     log.to_csv(LOG, index=False)
-    assert "error[looks-like-degrees]" in run("identify", "logs", code=3).stderr
-    assert "note[looks-like-degrees]" in run("identify", "logs", "--trust").stderr
+    assert "error[units-disagree]" in run("identify", "logs", code=3).stderr
+    assert "note[units-disagree]" in run("identify", "logs", "--trust").stderr
 
 
 @pytest.mark.parametrize("options", [[], ["--recursive"]])
