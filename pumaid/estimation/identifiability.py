@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, Run, STROKE
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Run
 from pumaid.effect_spec import Column
 from pumaid.effects import Family, Samples, Scope
 from pumaid.errors import listed

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
 from scipy.spatial import ConvexHull
 
-from pumaid.dataset import Dataset, Reject, Run, STROKE
+from pumaid.dataset import STROKE, Dataset, Reject, Run
 from pumaid.maths import Floats
 from pumaid.reporting.figures.style import (
     BACKWARD,
