@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 27047,
-    "statements": 16865,
-    "modules": 158,
+    "lines": 26914,
+    "statements": 16778,
+    "modules": 154,
     "import depth": 12,
-    "lines of tests and tools": 22674,
+    "lines of tests and tools": 22659,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
