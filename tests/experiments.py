@@ -17,8 +17,7 @@ from pumaid.io.write import write_log
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.segment import segment
-from pumaid.simulation import Bench, Noise, Truth, table1
-from pumaid.simulation.session import simulate
+from pumaid.simulation import Bench, Noise, Truth, simulate, table1
 from pumaid.trajectory import Plan
 
 #: Experiments of which intervals are judged, and of which errors are compared with the least possible.

@@ -11,7 +11,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.kinematics import placement
 from pumaid.model import Model, loads
 from pumaid.robot import EffectChoice, Joint, Robot
-from pumaid.simulation.random_robot import draw
+from pumaid.simulation import draw
 from tests.worlds import CRANE, arm, random_arm
 
 #: Effects that no posture and velocity determine; the contract of docs/export.md.

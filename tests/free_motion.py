@@ -6,8 +6,8 @@ import numpy as np
 
 from pumaid.dataset import Log
 from pumaid.robot import Robot
+from pumaid.simulation import Truth
 from pumaid.simulation.mujoco_engine import RigidArm
-from pumaid.simulation.virtual_robot import Truth
 
 #: Hz of the log, and steps of the engine a sample.
 RATE, TICKS = 250.0, 4

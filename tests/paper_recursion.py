@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pumaid.robot import Robot
-from pumaid.simulation.virtual_robot import Constants
+from pumaid.simulation import Constants
 
 Floats = NDArray[np.float64]
 

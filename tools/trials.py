@@ -41,8 +41,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.robot import Robot
-from pumaid.simulation import Bench, Noise, Truth, draw, table1
-from pumaid.simulation.hidden_effects import Hidden
+from pumaid.simulation import Bench, Hidden, Noise, Truth, draw, table1
 from pumaid.trajectory import Motion, Plan, duration
 
 #: Design -> postures, speeds (of a slide: a fifth, in m/s), directions, repeats.

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from pumaid.dataset import Log
 from pumaid.io.write import write_log
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import table1
+from pumaid.simulation import BREAKAWAY, Links, Noise, Truth, table1
 from pumaid.simulation.mujoco_engine import RigidArm
-from pumaid.simulation.virtual_robot import BREAKAWAY, Links, Noise, Truth
 
 Floats = NDArray[np.float64]
 

@@ -7,6 +7,7 @@ import numpy as np
 from pumaid.errors import RecipeError, Where, refuse
 from pumaid.maths import Floats
 from pumaid.robot import Robot, Safety, Sphere
+from pumaid.simulation.mujoco_engine import chain
 from pumaid.trajectory import in_words
 
 #: m: no path within the margin is called free, and none that stays this far outside it is called a collision.
@@ -92,16 +93,8 @@ class Collision:
         """The MuJoCo model: a chain of bodies with the recipe's shapes on them, and the pairs that are checked."""
         import mujoco
 
-        spec, safety, last = mujoco.MjSpec(), self.safety, self.robot.n_joints
-        bodies = [spec.worldbody]
-        for joint in self.robot.joints:
-            quaternion = np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, joint.frame[:3, :3].ravel())
-            body = bodies[-1].add_body(pos=joint.frame[:3, 3], quat=quaternion)
-            kind = mujoco.mjtJoint.mjJNT_HINGE if joint.is_revolute else mujoco.mjtJoint.mjJNT_SLIDE
-            body.add_joint(type=kind, axis=[0, 0, 1])
-            body.mass, body.inertia = 1.0, [1.0, 1.0, 1.0]  # a moving body must have some
-            bodies.append(body)
+        safety, last = self.safety, self.robot.n_joints
+        spec, bodies = chain(self.robot, [{"mass": 1.0, "inertia": [1.0, 1.0, 1.0]}] * last)
         shapes = list[Geometry]()
         for number, sphere in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
             size = [sphere.radius, 0, 0]

@@ -8,8 +8,7 @@ from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Floats
 from pumaid.robot import Robot
-from pumaid.simulation.random_robot import draw
-from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants
+from pumaid.simulation import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants, draw
 from pumaid.units import number
 
 #: Random robots for which a plan is made where no model is given.

@@ -26,10 +26,8 @@ from pumaid.joint_bins import COARSE, joint_bins
 from pumaid.maths import Counts, Floats
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
-from pumaid.simulation import Bench
-from pumaid.simulation.hidden_effects import LAWS, Hidden
-from pumaid.simulation.monte_carlo import constant_run
-from pumaid.simulation.virtual_robot import Truth
+from pumaid.simulation import Bench, Hidden, Truth, constant_run
+from pumaid.simulation.hidden_effects import LAWS
 from pumaid.trajectory import Motion, NextRun, Plan, Posture, cruise, duration, in_words, run_trapezoid
 from pumaid.units import deviations, factor, number
 

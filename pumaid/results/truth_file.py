@@ -10,8 +10,8 @@ from pumaid.errors import ModelError, Where
 from pumaid.maths import Floats
 from pumaid.results.documents import FORMAT, heading, plain, record_from
 from pumaid.robot import Robot
-from pumaid.simulation.hidden_effects import KEYS, Hidden
-from pumaid.simulation.virtual_robot import BREAKAWAY, Constants, Friction, Links, Noise, Truth, links_of
+from pumaid.simulation import BREAKAWAY, Constants, Friction, Hidden, Links, Noise, Truth, links_of
+from pumaid.simulation.hidden_effects import KEYS
 
 #: Significant digits of what a document works out from masses and gains; the last ones differ between machines.
 _DIGITS = 9

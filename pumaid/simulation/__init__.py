@@ -6,12 +6,22 @@ MuJoCo, and hidden effects have a table of their own.
 
 from pumaid.simulation import table1
 from pumaid.simulation.hidden_effects import Hidden
-from pumaid.simulation.monte_carlo import Bench
-from pumaid.simulation.random_robot import draw
-from pumaid.simulation.session import simulate
-from pumaid.simulation.virtual_robot import Constants, Friction, Links, Noise, Truth, gravity_load
+from pumaid.simulation.session import Bench, constant_run, simulate
+from pumaid.simulation.virtual_robot import (
+    BREAKAWAY,
+    Constants,
+    Friction,
+    Links,
+    Noise,
+    Truth,
+    constants,
+    draw,
+    gravity_load,
+    links_of,
+)
 
 __all__ = [
+    "BREAKAWAY",
     "Bench",
     "Constants",
     "Friction",
@@ -19,8 +29,11 @@ __all__ = [
     "Links",
     "Noise",
     "Truth",
+    "constant_run",
+    "constants",
     "draw",
     "gravity_load",
+    "links_of",
     "simulate",
     "table1",
 ]

@@ -73,11 +73,6 @@ class JointState:
         return np.asarray(self.arm.time - self.arm.first[self.joint - 1])
 
     @property
-    def speed(self) -> Floats:
-        """(N,) rad/s or m/s, not negative."""
-        return np.abs(self.velocity)
-
-    @property
     def opposing(self) -> Floats:
         """(N,) direction of a current that overcomes friction: +1, -1, 0 at rest."""
         return np.asarray(self.side * np.sign(self.velocity))
@@ -119,8 +114,10 @@ def _waves(at: JointState, cos: float, sin: float, frequency: float) -> Floats:
 
 #: Name of the effect -> law; those of the whole current in the order in which they act.
 LAWS = {
-    "stribeck": Law(Kind.FRICTION, lambda at, a, velocity, exponent: a * np.exp(-((at.speed / velocity) ** exponent))),
-    "viscous_power": Law(Kind.FRICTION, lambda at, b, exponent: b * at.speed**exponent),
+    "stribeck": Law(
+        Kind.FRICTION, lambda at, a, velocity, exponent: a * np.exp(-((np.abs(at.velocity) / velocity) ** exponent))
+    ),
+    "viscous_power": Law(Kind.FRICTION, lambda at, b, exponent: b * np.abs(at.velocity) ** exponent),
     "load_friction": Law(
         Kind.FRICTION, lambda at, drive, back: np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back)
     ),
@@ -191,23 +188,17 @@ def usual_values(joint: Mapping[str, float]) -> dict[str, dict[str, float]]:
 KEYS = {name: tuple(values) for name, values in usual_values(defaultdict(lambda: 1.0)).items()}
 
 
-def added(hidden: Sequence[Hidden], at: JointState, kind: Kind) -> Floats | float:
-    """(N,) A of hidden friction (its size) or of hidden loads that the joint has; 0 where it has none."""
-    total: Floats | float = 0.0
+def acted(hidden: Sequence[Hidden], at: JointState, kind: Kind, *, current: Floats | float = 0.0) -> Floats | float:
+    """(N,) A that `current` (N,) A is when what is hidden of a kind has acted in a joint.
+
+    Friction and loads add to it, friction its size; laws of the whole current change it.
+    """
     for effect in hidden:
         law, values = LAWS[effect.effect], effect.values
         if law.kind is kind and law.current and values.get("on", effect.joint) in (None, at.joint):
             cause = JointState(at.arm, effect.joint or at.joint, at.side)
-            total = total + law.current(cause, **values)
-    return total
-
-
-def whole(hidden: Sequence[Hidden], at: JointState, current: Floats) -> Floats:
-    """(N,) A that laws of the whole current make of a joint's current (N,) A, in the order of the table."""
-    for name, law in LAWS.items():
-        for effect in hidden:
-            if effect.effect == name and law.kind is Kind.CURRENT and law.current and effect.joint in (None, at.joint):
-                current = law.current(at, current, **effect.values)
+            is_whole = kind is Kind.CURRENT
+            current = law.current(cause, current, **values) if is_whole else current + law.current(cause, **values)
     return current
 
 
@@ -230,7 +221,7 @@ def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
 
 
 def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has_masses: bool) -> tuple[Hidden, ...]:
-    """Hidden effects with all their values, one a joint where an effect of joints names none.
+    """Hidden effects with all their values, one a joint where an effect of joints names none, as they act in turn.
 
     Values that are missing follow from what is usual of every joint of the arm.
 
@@ -254,7 +245,8 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has
             at = "none of the joints carries" if is_for_all else f"joint {effect.joint} does not carry"
             what = f"{at} weight, and {effect.effect} follows the weight"
             raise ModelError("hide-wrong", what, place, "name a joint that carries weight")
-    return tuple(out)
+    last = [name for name, law in LAWS.items() if law.kind is Kind.CURRENT]
+    return tuple(sorted(out, key=lambda effect: last.index(effect.effect) if effect.effect in last else -1))
 
 
 def parse(text: str, robot: Robot) -> Hidden:

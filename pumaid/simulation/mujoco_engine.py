@@ -1,6 +1,6 @@
 """A virtual arm of rigid bodies in MuJoCo, driven by motor currents, with friction and hidden effects of its own."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,14 +9,21 @@ from scipy.spatial.transform import Rotation
 
 from pumaid.errors import ModelError, Where
 from pumaid.maths import Floats
-from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, added, values_of
-from pumaid.simulation.virtual_robot import Truth, lengthwise, side_load
+from pumaid.robot import Robot
+from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, acted, values_of
+from pumaid.simulation.virtual_robot import Truth, link_sizes, side_load
 from pumaid.trajectory import accelerations
 
-#: A link is taken for a solid cylinder of its length, its radius this share of that; at least this share of the reach.
-_RADIUS, _SHORTEST = 0.25, 0.08
-#: Dry friction is held this stiffly: a loaded joint at rest creeps by some 1e-6 rad/s.
-_HARD = "0.9999 0.9999 0.001 0.5 2"
+#: Attributes of a body or a joint of MuJoCo.
+Attributes = Mapping[str, Any]
+#: A link is taken for a solid cylinder of its length, its radius this share of that.
+_RADIUS = 0.25
+#: What every arm has; dry friction is held this stiffly: a loaded joint at rest creeps by some 1e-6 rad/s.
+_OPTIONS = (
+    '<mujoco><option integrator="implicitfast" iterations="50" tolerance="1e-12"><flag autoreset="disable"/></option>'
+    "</mujoco>"
+)
+_HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 #: A robot that is known by its constants in amperes has fictitious masses; they are made so much lighter, and gravity
 #: so much larger: the same weights, and hardly any inertia but the motors'. kg m2 below which the engine takes none.
 _LIGHT, _LEAST = 1e-4, 1e-9
@@ -28,13 +35,32 @@ STILL = 1e-4
 _ROUNDS = 8
 
 
-def mjcf(truth: Truth, *, step: float = 0.001) -> str:
-    """The arm of a virtual robot as MJCF text, with steps of `step` (s); joints are measured as in the recipe.
+def chain(
+    robot: Robot, links: Sequence[Attributes], joints: Sequence[Attributes] | None = None
+) -> tuple[Any, list[Any]]:
+    """MuJoCo's specification (``mujoco.MjSpec``) of an arm, and its bodies, the base's first.
 
-    Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis, frames being those of the recipe. Inertia
-    tensors are those of solid cylinders of the links' lengths, ``armature`` the motors' inertia. Dry friction is
-    ``frictionloss``, half the sum of both directions' Coulomb terms; where gears couple joints it is that of tendons
-    ``shaft<k>``. A hidden tilt turns gravity, hidden inertia is the motor's; the rest is left to `RigidArm`.
+    Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis; frames and positions are those of the recipe.
+    `links` and `joints` (J each) are more of their attributes: a body that moves must have a mass.
+    """
+    mujoco = _engine()
+    spec = mujoco.MjSpec.from_string(_OPTIONS)
+    bodies = [spec.worldbody]
+    for joint, link, drive in zip(robot.joints, links, joints or [{}] * len(links), strict=True):
+        turn = Rotation.from_matrix(joint.frame[:3, :3]).as_quat()[[3, 0, 1, 2]]
+        bodies.append(bodies[-1].add_body(name=f"link{joint.number}", pos=joint.frame[:3, 3], quat=turn, **link))
+        kind = mujoco.mjtJoint.mjJNT_HINGE if joint.is_revolute else mujoco.mjtJoint.mjJNT_SLIDE
+        bodies[-1].add_joint(name=f"joint{joint.number}", type=kind, axis=[0, 0, 1], **drive)
+    return spec, bodies
+
+
+def specification(truth: Truth, *, step: float = 0.001) -> Any:
+    """The arm of a virtual robot as MuJoCo's specification, with steps of `step` (s), by `chain`.
+
+    Inertia tensors are those of solid cylinders of the links' lengths, ``armature`` the motors' inertia. Dry friction
+    is ``frictionloss``, half the sum of both directions' Coulomb terms; where gears couple joints it is that of tendons
+    ``shaft<k>``, while the inertia of rotors stays at their joints. A hidden tilt turns gravity, hidden inertia is the
+    motor's; the rest is left to `RigidArm`.
 
     Raises
     ------
@@ -50,41 +76,28 @@ def mjcf(truth: Truth, *, step: float = 0.001) -> str:
         what = f"inertia and gain of joint {j} have opposite signs"
         raise ModelError("physics-wrong", what, Where(joint=j), "give both the sign with which the motor counts")
     light = 1.0 if truth.given_constants is None else _LIGHT
-    tensors, gravity = light * _tensors(truth) + _LEAST * np.eye(3), np.asarray(truth.gravity()) / light
-    coupled = bool(truth.robot.coupling)
-    held_by = f'solimpfriction="{_HARD}" solreffriction="{_text([2 * step])} 1"'
-    lines = []
-    for k, joint in enumerate(truth.robot.joints):
-        place = joint.frame[:3, 3]
-        turn = Rotation.from_matrix(joint.frame[:3, :3]).as_quat()
-        T = tensors[k]
-        inertia = [T[0, 0], T[1, 1], T[2, 2], T[0, 1], T[0, 2], T[1, 2]]
-        kind = "hinge" if joint.is_revolute else "slide"
-        friction = "" if coupled else f' frictionloss="{_text([dry[k]])}" {held_by}'
-        lines += [
-            f'<body name="link{k + 1}" pos="{_text(place)}" quat="{_text(turn[[3, 0, 1, 2]])}">',
-            f'<inertial pos="{_text(truth.links.centre[k])}" mass="{_text([light * truth.links.mass[k]])}"'
-            f' fullinertia="{_text(inertia)}"/>',
-            f'<joint name="joint{k + 1}" type="{kind}" axis="0 0 1" armature="{_text([armature[k]])}"{friction}/>',
-        ]
-    body = "\n".join([*lines, *["</body>"] * truth.robot.n_joints])
-    shafts = []  # of coupled motors, with the friction that acts on them; the inertia of rotors stays at their joints
-    for k, row in enumerate(truth.robot.shaft_speeds if coupled else ()):
-        turned = "".join(f'<joint joint="joint{j + 1}" coef="{_text([row[j]])}"/>' for j in np.flatnonzero(row))
-        shafts.append(f'<fixed name="shaft{k + 1}" frictionloss="{_text([dry[k]])}" {held_by}>{turned}</fixed>')
-    return (
-        f'<mujoco model="arm">\n<compiler angle="radian" autolimits="false"/>\n'
-        f'<option timestep="{_text([step])}" gravity="{_text(gravity)}" integrator="implicitfast"'
-        f' iterations="50" tolerance="1e-12"><flag autoreset="disable"/></option>\n<worldbody>\n{body}\n</worldbody>\n'
-        f"<tendon>{''.join(shafts)}</tendon>\n</mujoco>\n"
-    )
+    tensors = light * _tensors(truth) + _LEAST * np.eye(3)
+    links: list[Attributes] = [
+        {"mass": mass, "ipos": centre, "fullinertia": tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]}
+        for mass, centre, tensor in zip(light * truth.links.mass, truth.links.centre, tensors, strict=True)
+    ]
+    rubs: list[Attributes] = [
+        {"frictionloss": size, "solref_friction": [2 * step, 1.0], "solimp_friction": _HARD} for size in dry
+    ]
+    beside = [{}] * len(rubs) if truth.robot.coupling else rubs
+    joints = [{"armature": size, **rub} for size, rub in zip(armature, beside, strict=True)]
+    spec, _ = chain(truth.robot, links, joints)
+    spec.option.timestep, spec.option.gravity = step, np.asarray(truth.gravity()) / light
+    for k, row in enumerate(truth.robot.shaft_speeds if truth.robot.coupling else ()):
+        shaft = spec.add_tendon(name=f"shaft{k + 1}", **rubs[k])
+        for driving in np.flatnonzero(row):
+            shaft.wrap_joint(f"joint{driving + 1}", row[driving])
+    return spec
 
 
 def _tensors(truth: Truth) -> Floats:
     """(J, 3, 3) kg m2 about the centres of mass: solid cylinders that lie along the links."""
-    along = lengthwise(truth.robot)
-    length = np.linalg.norm(along, axis=1)
-    shortest = _SHORTEST * (float(np.sum(length)) or 1.0)
+    along, length, shortest = link_sizes(truth.robot)
     # A link without length (a wrist's) is as long as it is thick, along its own axis.
     unit = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 0.0, 1.0])
     size = np.maximum(length, shortest)
@@ -93,10 +106,6 @@ def _tensors(truth: Truth) -> Floats:
     outer = unit[:, :, None] * unit[:, None, :]
     shape = across[:, None, None] * (np.eye(3) - outer) + axial[:, None, None] * outer
     return np.asarray(truth.links.mass[:, None, None] * shape)
-
-
-def _text(values: object) -> str:
-    return " ".join(repr(float(value)) for value in np.asarray(values, dtype=float))
 
 
 class RigidArm:
@@ -133,7 +142,7 @@ class RigidArm:
     def _build(self, truth: Truth) -> None:
         """The engine's model of the arm with these masses."""
         self.truth, mujoco = truth, _engine()
-        self.model = mujoco.MjModel.from_xml_string(mjcf(truth, step=self.step))
+        self.model = specification(truth, step=self.step).compile()
         self.data = mujoco.MjData(self.model)
         self._begin, self._finish = mujoco.mj_step1, mujoco.mj_step2
         self._dry = self.model.dof_frictionloss if self._shafts is None else self.model.tendon_frictionloss
@@ -212,7 +221,7 @@ class RigidArm:
 
     def _hidden(self, kind: Kind) -> Floats:
         """(J,) A of hidden friction (its size) or of hidden loads."""
-        return np.array([added(self._acting, joint, kind) for joint in self._joints])
+        return np.array([acted(self._acting, joint, kind) for joint in self._joints])
 
     def inertia(self, position: Floats) -> Floats:
         """(J, J) kg m2 (kg, kg m): mass matrix at `position` (J,), motors' inertia included."""

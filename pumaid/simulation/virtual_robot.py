@@ -16,10 +16,9 @@ from pumaid.simulation.hidden_effects import (
     Hidden,
     JointState,
     Kind,
-    added,
+    acted,
     sized,
     values_of,
-    whole,
 )
 from pumaid.trajectory import QUICKEST_SLIDE, QUICKEST_TURN, accelerations, highest_speeds, span
 
@@ -32,6 +31,11 @@ _ROUNDS, _SETTLED = 30, 1e-10
 #: Of a robot that is known by constants in amperes alone: A/(N m), its middle motor's gain; m, the distance of a link's
 #: centre of mass from its axis, and the largest share of the motor's inertia that the mass adds there.
 _GAIN, _DISTANCE, _SWUNG = 0.1, 0.1, 0.05
+
+#: A link's body where the geometry gives it no length (a wrist), as a share of the arm's reach.
+_SHORTEST = 0.08
+#: Significant digits of what is drawn: the last ones of a sum differ between machines, a robot must not.
+_DIGITS = 9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -114,9 +118,14 @@ def link_of(robot: Robot, i: int) -> Floats:
     return np.asarray(after.frame[:3, 3] - after.frame[:3, 2] * (0.0 if after.is_revolute else after.d))
 
 
-def lengthwise(robot: Robot) -> Floats:
-    """(J, 3) m from each link's origin to the next, in its frame; zero for the last."""
-    return np.vstack([robot.placements[1:, :3, 3], np.zeros(3)])
+def link_sizes(robot: Robot) -> tuple[Floats, Floats, float]:
+    """(J, 3) m from each link's origin to the next, in its frame, zero for the last; (J,) their lengths.
+
+    And the length (m) of a body where the geometry gives it none, as a wrist's.
+    """
+    along = np.vstack([robot.placements[1:, :3, 3], np.zeros(3)])
+    length = np.linalg.norm(along, axis=1)
+    return along, length, _SHORTEST * (float(np.sum(length)) or 1.0)
 
 
 def links_of(robot: Robot, given: Constants, inertia: Floats) -> tuple[Links, Floats]:
@@ -160,10 +169,6 @@ class Friction:
         forward = self.coulomb_plus + self.viscous_plus * velocity
         backward = self.coulomb_minus + self.viscous_minus * velocity
         return np.where(velocity > 0, forward, np.where(velocity < 0, backward, 0.0))
-
-    def current(self, joint: int, velocity: Floats) -> Floats:
-        """(N,) A that joint `joint` (from 1) spends on friction at `velocity` (N,)."""
-        return np.asarray(self.currents(np.asarray(velocity)[:, None])[:, joint - 1])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -291,8 +296,8 @@ class Truth:
         at.friction = self.friction.currents(turning)
         state = JointState(replace(at, velocity=turning), joint, float(self.sides[j]))
         out = at.load[:, j] + at.friction[:, j] + self.inertia[j] * at.acceleration[:, j]
-        out = out + state.opposing * added(self.hidden, state, Kind.FRICTION) + added(self.hidden, state, Kind.LOAD)
-        return whole(self.hidden, state, out)
+        out = out + state.opposing * acted(self.hidden, state, Kind.FRICTION) + acted(self.hidden, state, Kind.LOAD)
+        return np.asarray(acted(self.hidden, state, Kind.CURRENT, current=out))
 
     def parameters(self) -> dict[str, float]:
         """Every parameter of the paper's model by its public name, SI; also those that no run can show."""
@@ -342,3 +347,57 @@ class Truth:
             "reach": np.full(len(low), float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0),
         }
         return tuple({name: float(row[j]) for name, row in table.items()} for j in range(len(low)))
+
+
+def draw(robot: Robot, seed: int) -> Truth:
+    """A virtual robot with the recipe's geometry and whatever a recipe does not say drawn from `seed`.
+
+    Masses follow the links' lengths and fall outward; centres of mass lie along the link, off its axes. Each motor is
+    sized for the greatest load that its joint meets, so that gravity, friction and noise are in the proportions of real
+    arms whatever the arm's size; some motors count their current against the joint's direction.
+    """
+    rng, sticking = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 1, 1])
+    n, (along, length, shortest) = robot.n_joints, link_sizes(robot)
+    # 22 kg a metre of the first link, of each further one 0.72 of that of the link before.
+    mass = 22.0 * np.maximum(length, shortest) * 0.72 ** np.arange(n) * rng.uniform(0.8, 1.25, n)
+    across = shortest * rng.uniform(0.15, 0.6, (n, 3)) * rng.choice([-1.0, 1.0], (n, 3))
+    links = Links(_shortened(mass), _shortened(along * rng.uniform(0.3, 0.6, (n, 1)) + across))
+    # A motor is rated for the greatest load that gravity asks in any of many postures, with something to spare.
+    # Turning joints stand at any angle, sliding joints where a plan may move them.
+    share = rng.uniform(-np.pi, np.pi, (400, n)) / np.pi
+    ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
+    position = 0.5 * ends.sum(axis=1) + 0.5 * np.diff(ends, axis=1)[:, 0] * share
+    load = np.max(np.abs(gravity_load(robot, links, position)), axis=0)
+    # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
+    load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
+    # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
+    kinds = robot.is_revolute
+    for kind in np.unique(kinds):
+        largest = np.max(load[kinds == kind])
+        load = np.where(kinds == kind, np.maximum(load, 0.1 * largest if largest > 0 else 1.0), load)
+    capacity = load * rng.uniform(1.3, 2.2, n)
+    sign = np.where(rng.random(n) < 0.25, -1.0, 1.0)
+    gain = _shortened(sign * rng.uniform(3.0, 6.0, n) / capacity)  # A at its rated load
+    # 65536 encoder counts a turn of the motor, or 1e6 a metre; a gear of 100 where the recipe states none.
+    gears = np.array([joint.gear_ratio or 100.0 for joint in robot.joints])
+    counts = np.where(robot.is_revolute, 65536 * np.abs(gears) / (2 * np.pi), 1e6)
+    std = 0.02 * rng.uniform(0.7, 1.3, n)
+    # Coulomb friction of 0.25 to 0.7 A and as much viscous current at the highest speed, each direction its own.
+    coulomb = rng.uniform(0.25, 0.7, n)
+    viscous = rng.uniform(0.25, 0.8, n) * coulomb / highest_speeds(robot)
+    uneven = rng.uniform(0.8, 1.2, (4, n))
+    return Truth(
+        robot=robot,
+        friction=Friction(*(sign * uneven * [coulomb, -coulomb, viscous, viscous])),
+        noise=Noise(std, current_step=0.001, counts=np.asarray(np.round(counts), dtype=float)),
+        links=links,
+        gain=gain,
+        inertia=sign * rng.uniform(0.3, 0.8, n) / accelerations(robot),
+        seed=seed,
+        breakaway=_shortened(sticking.uniform(1.05, 1.2, n)),
+    )
+
+
+def _shortened(values: Floats) -> Floats:
+    """Each to `_DIGITS` significant digits."""
+    return np.array([float(f"{value:.{_DIGITS}g}") for value in values.flat]).reshape(values.shape)

@@ -15,7 +15,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.maths import Bilinear, Recursion, fit_bilinear, independent
 from pumaid.preprocessing.segment import segment
-from pumaid.simulation.random_robot import draw
+from pumaid.simulation import draw
 
 #: s of simultaneous Fourier motion, cells a second, A of noise, A s/rad and A of friction.
 SECONDS, RATE, SIGMA = 60.0, 50.0, 0.02

@@ -11,7 +11,7 @@ from worlds import random_arm
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot
-from pumaid.simulation.virtual_robot import Links, constants, gravity_load
+from pumaid.simulation import Links, constants, gravity_load
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 engines = pytest.importorskip("engines")

@@ -14,8 +14,7 @@ from pumaid.model import minimal
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
-from pumaid.simulation import Bench, draw
-from pumaid.simulation.session import simulate
+from pumaid.simulation import Bench, draw, simulate
 from pumaid.trajectory import Plan
 
 pytestmark = pytest.mark.slow

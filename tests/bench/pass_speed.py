@@ -21,8 +21,7 @@ from measured import append
 
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
-from pumaid.simulation import table1
-from pumaid.simulation.session import simulate
+from pumaid.simulation import simulate, table1
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "bench" / "log.csv"

@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from free_motion import reach, recorded, waves
 from measured import append
+from pumaid.simulation.random_robot import draw
 
 from pumaid import export, read_model
 from pumaid.dataset import Log
@@ -34,7 +35,6 @@ from pumaid.exports.robot_xml import xml_name
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import write_log
 from pumaid.simulation.mujoco_engine import mjcf
-from pumaid.simulation.random_robot import draw
 from pumaid.simulation.session import simulate
 from pumaid.simulation.virtual_robot import Friction
 from pumaid.trajectory import Motion, Plan

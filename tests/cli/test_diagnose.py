@@ -27,8 +27,8 @@ from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
 from pumaid.results.model_file import model_digest
 from pumaid.robot import EffectChoice
+from pumaid.simulation import draw
 from pumaid.simulation import hidden_effects as hidden
-from pumaid.simulation.random_robot import draw
 
 #: A ripple of 0.08 A on a pendulum whose noise is a third of it: no design could overlook it. Slow enough for the
 #: drive: of a faster one a part goes into the speed, and less of it is in the current the faster a run is.

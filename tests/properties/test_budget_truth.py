@@ -11,8 +11,7 @@ from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.evaluate import Budget
-from pumaid.simulation import Bench, Truth, table1
-from pumaid.simulation.hidden_effects import Hidden
+from pumaid.simulation import Bench, Hidden, Truth, table1
 from pumaid.trajectory import Motion, Plan
 
 #: Seeds of these experiments; development used others.

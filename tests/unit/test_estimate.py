@@ -129,7 +129,7 @@ def test_one_speed(name):
     for joint in range(1, 7):
         text = f"friction of joint {joint} backward, at the one speed that was run"
         total = next(sum_ for sum_ in estimate.combinations if sum_.text == text)
-        assert total.value == pytest.approx(truth.friction.current(joint, np.array([-slow[joint]]))[0], rel=1e-6)
+        assert total.value == pytest.approx(truth.friction.currents(np.full(6, -slow[joint]))[joint - 1], rel=1e-6)
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])

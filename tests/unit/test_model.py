@@ -71,5 +71,5 @@ def test_prediction_is_the_truth_where_the_fit_is_exact():
         velocity[:, joint - 1] = rng.choice([-0.4, 0.7], 20)
         own = velocity[:, joint - 1]
         samples = Samples(joint, position, velocity, acceleration=np.zeros(20), direction=np.sign(own))
-        wanted = truth.gravity_current(position)[:, joint - 1] + truth.friction.current(joint, own)
+        wanted = truth.gravity_current(position)[:, joint - 1] + truth.friction.currents(velocity)[:, joint - 1]
         assert model.predict(estimate, samples) == pytest.approx(wanted, abs=1e-9)

@@ -7,10 +7,9 @@ import pytest
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import draw, simulate, table1
+from pumaid.simulation import Friction, draw, simulate, table1
 from pumaid.simulation.hidden_effects import ArmState, Hidden
 from pumaid.simulation.mujoco_engine import RigidArm
-from pumaid.simulation.virtual_robot import Friction
 from pumaid.trajectory import Motion, Plan, trapezoids
 
 RATE = 250.0
@@ -36,7 +35,7 @@ def test_a_run_draws_gravity_friction_and_the_mass_matrix(name):
             continue
         j, v = movement.motion.joint - 1, log.velocity[:, movement.motion.joint - 1]
         rising = RATE * np.diff(v, append=0.0)
-        explained = truth.gravity_current(log.position)[:, j] + truth.friction.current(j + 1, v)
+        explained = truth.gravity_current(log.position)[:, j] + truth.friction.currents(log.velocity)[:, j]
         matrix = np.array([truth.gain[j] * arm.inertia(q)[j, j] for q in log.position[::25]])
         inertia = np.interp(np.arange(len(log)), np.arange(len(log))[::25], matrix)
         rest = log.current[:, j] - explained - inertia * rising
@@ -116,7 +115,8 @@ def test_joint_4_turns_the_motors_behind_it():
     at = ArmState(np.zeros(2), np.zeros(6), still, velocity, still, still, still)
     drawn = np.column_stack([truth.current(joint, at) for joint in range(1, 7)]) - truth.gravity_current(still)
     for joint, ratio in ((5, 0.0139 * 76.0 / 71.9), (6, (0.013 + 0.18 * 0.0139) * 76.0 / 76.7)):
-        np.testing.assert_allclose(drawn[:, joint - 1], truth.friction.current(joint, np.full(2, 0.8 * ratio)))
+        rubs = truth.friction.currents(np.full(6, 0.8 * ratio))[joint - 1]
+        np.testing.assert_allclose(drawn[:, joint - 1], rubs)
     np.testing.assert_allclose(drawn[:, :3], 0.0, atol=1e-12)
 
 

@@ -14,8 +14,7 @@ from pumaid.design.prior import loaded, robot_of_estimate
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, draw, table1
-from pumaid.simulation.virtual_robot import Links
+from pumaid.simulation import Bench, Links, draw, table1
 
 #: Upright it hides all that its first link weighs.
 TURRET = Robot("turret", (Joint(1, "turn", "revolute"), Joint(2, "nod", "revolute", alpha=np.pi / 2, a=0.2)))

@@ -160,7 +160,7 @@ def test_noise_free_bins_hold_the_truth():
         position = np.tile(np.nan_to_num(run.posture), (1000, 1))
         position[:, run.joint - 1] = q
         current = truth.gravity_current(position)[:, run.joint - 1]
-        current += truth.friction.current(run.joint, np.full(1000, run.speed))
+        current += truth.friction.currents(np.full(6, run.speed))[run.joint - 1]
         assert np.max(np.abs(np.column_stack([np.cos(q), np.sin(q), np.ones(1000)]) @ fitted - current)) < 1e-8
 
 

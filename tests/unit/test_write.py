@@ -9,7 +9,7 @@ import pytest
 from pumaid.errors import ResultError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import locked, read_truth, write_file, write_session
-from pumaid.simulation.session import simulate
+from pumaid.simulation import simulate
 from pumaid.trajectory import Motion, Plan
 
 
