@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
-from click.testing import CliRunner
+from command import run
 
-from pumaid.cli import group
 from pumaid.design.collision import Collision
 from pumaid.io.recipe import read_recipe, shipped_recipes
 
@@ -18,11 +17,6 @@ safety:
   boxes: [{name: ceiling, min: [-1, -1, 0.4], max: [1, 1, 0.5]}]
   spheres: [{link: 2, centre: [0.15, 0, 0], radius: 0.03}]
 """
-
-
-def run(*words: str) -> None:
-    found = CliRunner().invoke(group, list(words), prog_name="pumaid")
-    assert found.exit_code == 0, found.output
 
 
 def positions(logs: Path, joints: int) -> np.ndarray:
@@ -40,8 +34,8 @@ def test_a_safe_plan_keeps_clear(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         (folder / "recipe.yaml").write_text(text, encoding="utf-8")
-        run("plan", str(folder / "recipe.yaml"), "--minutes", "3")
-        run("simulate", str(folder / "recipe.yaml"), "--plan", str(folder / "plan.yaml"), "-o", str(folder / "logs"))
+        run("plan", folder / "recipe.yaml", "--minutes", "3")
+        run("simulate", folder / "recipe.yaml", "--plan", folder / "plan.yaml", "-o", folder / "logs")
         collision = Collision(read_recipe(tmp_path / "safe" / "recipe.yaml"))
         least[name] = min(float(collision.distances(q).min()) for q in positions(folder / "logs", 2))
     # Encoders and the controller's way over its target are far below a millimetre.

@@ -97,12 +97,6 @@ def test_noise_is_what_the_same_noise_leaves_without_the_effect(effect):
     assert abs(found.noise - alone) < max(0.35 * added, 0.1 * found.mean_square)
 
 
-def test_the_part_grows_with_the_effect():
-    """Twice the effect is four times the part."""
-    small, large = (told("position_friction", size).part("smooth").mean_square for size in (0.4, 0.8))
-    assert large / small == pytest.approx(4.0, rel=0.15)
-
-
 @pytest.mark.slow
 def test_noise_is_left_alone():
     """On 40 noise-only experiments of a two-joint arm at most 8 % of joints are told more than noise (nominal 5 %)."""

@@ -6,13 +6,12 @@ from pathlib import Path
 import jinja2
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command import run
 
 import pumaid.effects
 import pumaid.exports.formats
 import pumaid.io.formats
 import pumaid.reporting.page
-from pumaid.cli import group
 from pumaid.effects import catalogue
 from pumaid.exports import every_form, export
 from pumaid.io.formats import log_formats
@@ -99,7 +98,7 @@ def added(tmp_path, monkeypatch):
 def test_an_effect_is_one_file(added):
     """It is in the catalogue, and the command line explains it."""
     added(pumaid.effects, EFFECT)
-    told = CliRunner().invoke(group, ["effects", "dummy"]).stdout
+    told = run("effects", "dummy").stdout
     assert "dummy" in catalogue() and "a q^3" in told and "--add dummy@" in told
 
 

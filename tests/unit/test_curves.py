@@ -6,32 +6,12 @@ import worlds
 
 from pumaid.diagnosis.diagnose import SLOWEST, Trial, curve
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Family, Parameter, Samples, Shape, Trace
+from pumaid.effects import Samples, catalogue
 
 
-class Falling(Effect):
-    """s a exp(-v / scale)."""
-
-    title, source, family, trace = "Falling", "an example", Family.SPEED, (Trace.SPEED,)
-
-    def parameters(self, robot, number):
-        return (Parameter("a", "A", "size", "a"),)
-
-    def shapes(self, robot, number):
-        return (Shape("velocity", "rad/s", "scale", 0.01, 10.0, 0.2),)
-
-    def columns(self, robot, samples, *, number=None, shape=None):
-        speed = np.abs(samples.velocity[:, samples.joint - 1])
-        return (samples.direction * np.exp(-speed / shape["velocity"]))[:, None]
-
-
-class Waving(Falling):
-    """a cos(f q)."""
-
-    family, trace, periodic = Family.POSITION, (Trace.POSITION,), "frequency"
-
-    def columns(self, robot, samples, *, number=None, shape=None):
-        return np.cos(shape["frequency"] * samples.position[:, samples.joint - 1])[:, None]
+def falling(velocity: float) -> EffectTerm:
+    """s a exp(-v / velocity)."""
+    return EffectTerm(catalogue()["stribeck"], 2, {"velocity": velocity, "exponent": 1.0})
 
 
 SPEEDS = (0.1, 0.3, 0.6, 1.0)
@@ -64,12 +44,7 @@ def test_bins_are_means_over_runs():
     """Means and standard errors of each speed are those of the runs' own means."""
     samples = bins()
     before, after = np.random.default_rng(1).normal(size=(2, len(samples)))
-    found = curve(
-        worlds.PENDULUM,
-        samples,
-        before=before,
-        trials=[Trial(EffectTerm(Falling(), 2, {"velocity": 0.2}), [0.1], after)],
-    )
+    found = curve(worlds.PENDULUM, samples, before=before, trials=[Trial(falling(0.2), [0.1], after)])
     runs = [n for n in np.unique(samples.run) if samples.direction[samples.run == n][0] < 0]
     slow = [n for n in runs if abs(samples.velocity[samples.run == n, 1].mean()) < 0.2]
     means = [after[samples.run == n].mean() for n in slow]
@@ -81,9 +56,9 @@ def test_bins_are_means_over_runs():
 
 def test_rivals_part_below_the_slowest_run():
     """Two scales that agree on the speeds run differ where nobody ran, and the picture goes there."""
-    samples, law = bins(), Falling()
-    left = without_line(samples, 0.1 * law.columns(None, samples, shape={"velocity": 0.2})[:, 0])
-    trials = [Trial(EffectTerm(law, 2, {"velocity": scale}), np.array([0.1]), 0.0 * left) for scale in (0.2, 0.1)]
+    samples = bins()
+    left = without_line(samples, 0.1 * falling(0.2).linear(worlds.PENDULUM, samples)[:, 0])
+    trials = [Trial(falling(scale), np.array([0.1]), 0.0 * left) for scale in (0.2, 0.1)]
     lines = curve(worlds.PENDULUM, samples, before=left, trials=trials).lines
     first, rival = lines[0], lines[2]
     gap = np.abs(np.interp(first.places, rival.places, rival.values) - first.values)
@@ -93,9 +68,9 @@ def test_rivals_part_below_the_slowest_run():
 
 def test_a_ripple_is_folded_on_its_period():
     """Over one period the bins show the wave that many periods hide."""
-    samples, shape = bins(bins=400), {"frequency": 40.0}
+    samples, effect = bins(bins=400), EffectTerm(catalogue()["ripple"], 2, {"frequency": 40.0})
     wave = 0.05 * np.cos(40.0 * samples.position[:, 1])
-    trial = Trial(EffectTerm(Waving(), 2, shape), np.array([0.05]), 0.0 * wave)
+    trial = Trial(effect, np.array([0.05, 0.0]), 0.0 * wave)
     found = curve(worlds.PENDULUM, samples, before=wave, trials=[trial])
     side = found.sides[0]
     assert found.period == pytest.approx(2 * np.pi / 40.0)

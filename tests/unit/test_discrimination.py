@@ -173,14 +173,3 @@ def test_what_has_passed_is_asked_of_a_cold_arm():
     found = deciding(solved, trial(solved, "warmup"), trial(solved, "friction_step"))
     assert found.text.startswith("let the arm cool") and found.repeats is not None
     assert showing(solved, EffectChoice("friction_step", JOINT), {}) is None
-
-
-def test_unseen_effect_is_shown():
-    """Runs that should show a friction that the data cannot do show it, and by about what was promised."""
-    motions = campaign(4, speeds=(0.6, 0.75, 0.9))
-    solved = system(runs_of(STRIBECK, motions, 4))
-    found = showing(solved, EffectChoice("stribeck", JOINT), {"a": 0.3})
-    runs = system(runs_of(STRIBECK, [*motions, *found.motions], 4))
-    before, after = (trial(one, "stribeck").statistic / one.scale for one in (solved, runs))
-    assert before < 10.0 < 25.0 < after
-    assert max(motion.velocity for motion in found.motions) < 0.3

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command import run
 
 import pumaid.effects
-from pumaid.cli import group
 from pumaid.effects import catalogue, include
 from pumaid.effects.plugins import ARM, breach, column_checks, example
 from pumaid.errors import ModelError
@@ -151,7 +150,6 @@ def test_ctrl_c_stays_ctrl_c(written):
 def test_command_line_takes_files(written):
     """``pumaid effects NAME --effects FILE`` explains an effect that the user wrote; a broken one is refused."""
     path = written(CHURNING, "churning.py")
-    done = CliRunner().invoke(group, ["effects", "churning", "--effects", str(path)])
-    assert done.exit_code == 0 and "s a (v/speed)^2" in done.stdout and "--add churning@" in done.stdout
-    done = CliRunner().invoke(group, ["effects", "--effects", str(written("x = "))])
-    assert done.exit_code == 3 and "error[effect-file]" in done.stderr and "Traceback" not in done.stderr
+    shown = run("effects", "churning", "--effects", path).stdout
+    assert "s a (v/speed)^2" in shown and "--add churning@" in shown
+    assert "error[effect-file]" in run("effects", "--effects", written("x = "), code=3).stderr

@@ -1,21 +1,13 @@
 """How effects are shown: facts, signatures, the plot of letters, pictures and the manual's page."""
 
-import json
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command import answer, run
 
-from pumaid.cli import group
 from pumaid.effects import catalogue
 from pumaid.reporting.effects import facts, merged, signature, sketch
 
 NAMES = sorted(catalogue())
-
-
-def run(*arguments):
-    """``pumaid`` with these arguments."""
-    return CliRunner().invoke(group, list(arguments), env={"COLUMNS": "400"})
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -44,8 +36,8 @@ def test_alike_parameters_are_told_once():
 @pytest.mark.parametrize("name", ["stribeck", "payload", "gravity", "counterbalance"])
 def test_explaining_tells_everything(name):
     """The list has each effect; one effect's page its equation, parameters, look-alikes, command and source."""
-    assert name in run("effects").stdout
-    told, effect = run("effects", name).stdout, catalogue()[name]
+    assert name in run("effects", env={"COLUMNS": "400"}).stdout
+    told, effect = run("effects", name, env={"COLUMNS": "400"}).stdout, catalogue()[name]
     assert effect.equation in told and effect.source in told and "signature" in told
     assert all(other in told for other in effect.look_alikes)
     assert effect.base or f"--add {name}" in told
@@ -53,7 +45,7 @@ def test_explaining_tells_everything(name):
 
 def test_json_holds_it_all():
     """Other programs get what people get: shapes with bounds, look-alikes, the command, the points of the signature."""
-    (one,) = json.loads(run("effects", "stribeck", "--json").stdout)["effects"]
+    (one,) = answer("effects stribeck")["effects"]
     assert {shape["name"] for shape in one["shapes"]} == {"velocity", "exponent"}
     assert one["look_alikes"] and one["command"].endswith("--add stribeck@5") and one["equation"]
     assert len(one["signature"]["values"]) == len(one["signature"]["forward"]) > 20

@@ -27,13 +27,6 @@ def test_a_parameter_has_an_interval_or_a_reason():
             assert value.ci95 == pytest.approx(wanted, rel=1e-9)
 
 
-def test_ratio_of_an_unfelt_link_is_not_told():
-    """The paper's eta_5/eta_6: link 6 is too light, in amperes, and a payload is asked for."""
-    value = ESTIMATE.value("gain_ratio.5.6")
-    assert value.state == "not_identifiable" and "link 6 is too light to be felt by joint 5" in value.reason
-    assert "payload" in value.next_run
-
-
 def test_a_parameter_not_told_apart_names_its_partners():
     """Without joint 3 of the PUMA's outer four, what is tied is named, in parameters of the model."""
     estimate = identify(dataset(PUMA, only(table1.experiment(), lambda motion: motion.joint == 3)), PUMA.robot)

@@ -96,16 +96,6 @@ def test_recordings_are_counted_through_the_files(paths, expected) -> None:
     assert clocks == {"day_0": 0, "day_1": 0, "day_2": 1, "day_3": 1, "day_4": 1, "day_5": 1}
 
 
-def test_what_cannot_be_meant_is_refused_unless_trusted(tmp_path) -> None:
-    """Times in ms are refused; who trusts the log gets the same finding as a note."""
-    path = tmp_path / "a.csv"
-    write_log(path, [replace(log, time=1000.0 * log.time) for log in make(WORLD, 1).logs], ARM)
-    with pytest.raises(LogError) as refused:
-        ingest([path], ARM)
-    assert refused.value.slug == "time-unit"
-    assert "time-unit" in [note.slug for note in ingest([path], ARM, trust=True).notes]
-
-
 def test_a_copy_of_a_file_is_refused(paths, tmp_path) -> None:
     """It says which of the two; --trust takes both, and says it all the same."""
     original, copy = tmp_path / "day.parquet", tmp_path / "day (copy).parquet"
