@@ -54,10 +54,8 @@ def picks(rng: np.random.Generator, seconds: float, farthest: np.ndarray) -> np.
 
 
 def recorded(truth: Truth, wanted: np.ndarray, rng: np.random.Generator, *, counts: float) -> Log:
-    """What is logged of an arm whose motors follow the `wanted` (N, J) positions, about the middle of its range.
-
-    Encoders have `counts` steps a rad; currents are means over a sample's time, with the robot's own noise.
-    """
+    """What is logged of an arm whose motors follow the `wanted` (N, J) positions, about the middle of its range."""
+    # Encoders have `counts` steps a rad; currents are means over a sample's time, with the robot's own noise.
     n, step = truth.robot.n_joints, 1.0 / (RATE * TICKS)
     limits = np.array([joint.limits or (-2.0, 2.0) for joint in truth.robot.joints])
     target = wanted + np.clip(limits, -2.0, 2.0).mean(axis=1)

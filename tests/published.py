@@ -45,10 +45,8 @@ def model_of(links) -> pin.Model:
 
 
 def first_harmonic(links, position, joint: int) -> list[float]:
-    """N m on `joint` (from 1) at its positions 0 and a quarter turn, the other joints held at `position` (rad).
-
-    The load at any other position q of the joint is their sum weighted with cos q and sin q.
-    """
+    """N m on `joint` (from 1) at its positions 0 and a quarter turn, the other joints held at `position` (rad)."""
+    # The load at any other position q of the joint is their sum weighted with cos q and sin q.
     model, held, out = model_of(links), np.array(position, dtype=float), []
     for held[joint - 1] in (0.0, HALF):
         out.append(float(pin.computeGeneralizedGravity(model, model.createData(), held)[joint - 1]))

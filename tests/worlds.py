@@ -84,10 +84,8 @@ def drawn(robot: Robot, seed: int = 5, *, noisy: bool = True) -> Truth:
 
 
 def truth_in_units(truth: Truth, moving: Sequence[int]) -> dict[str, float]:
-    """The truth's parameters, gravity of a link whose joint never moves in the gain of the next inner one that does.
-
-    A sliding joint feels nothing of the links beyond but their mass, so only turning joints stand in for others.
-    """
+    """The truth's parameters, gravity of a link whose joint never moves in the gain of the next inner one that does."""
+    # A sliding joint feels nothing of the links beyond but their mass, so only turning joints stand in for others.
     values, known, turns = truth.parameters(), truth.constants, truth.robot.is_revolute
     gain = np.append(np.cumprod(known.ratio[::-1])[::-1], 1.0)
     for name in values:

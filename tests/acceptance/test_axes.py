@@ -105,10 +105,8 @@ PANDA = "panda_description/urdf/panda.urdf"
     ],
 )
 def test_axes_are_the_published_lines(name: str, published: tuple | str, has_frames: bool) -> None:
-    """Direction and place of every joint's axis agree with the vendor's published joint origins in random postures.
-
-    Whole link frames agree where the vendor's have the joints' z: a published centre of mass compares with k_x, k_y.
-    """
+    """Direction and place of every joint's axis agree with the vendor's published joint origins in random postures."""
+    # Whole link frames agree where the vendor's have the joints' z: a published centre of mass compares with k_x, k_y.
     robot = shipped(name)
     position = postures(robot.n_joints)
     rotations, points = robot.frames(position)

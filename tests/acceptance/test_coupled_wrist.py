@@ -49,10 +49,8 @@ def test_friction_is_found_whatever_the_gears():
 
 
 def test_loads_that_gears_pass_on_are_the_effects():
-    """Without the effects gravity takes up what motors carry of joints beyond; with them it does not.
-
-    Motor 5 carries -r65 r6/r5 of joint 6's load, in the currents of both motors: that is the effect's size.
-    """
+    """Without the effects gravity takes up what motors carry of joints beyond; with them it does not."""
+    # Motor 5 carries -r65 r6/r5 of joint 6's load, in the currents of both motors: that is the effect's size.
     assert off(model(), "gravity", "gain_ratio") > 5.0
     assert off(model(0, 1), "gravity", "gain_ratio") < 3.0
     for beyond, on, ratio in ((6, 5, 0.18), (5, 4, 0.0139)):

@@ -21,11 +21,10 @@ LEAST = 0.95 - 4 * (0.95 * 0.05 / EXPERIMENTS) ** 0.5
 
 @pytest.mark.slow
 def test_puma_intervals_hold_where_white_noise_ones_fail():
-    """On the paper's PUMA 95 % intervals cover 93-97 % of the truths though samples of a run share noise and level.
-
-    Of single parameters only the least is judged, by four binomial standard deviations since it is the least of some
-    forty. Link 5's own x covers always: its interval carries the ignorance of eta_5/eta_6, which is zero in the table.
-    """
+    """On the paper's PUMA 95 % intervals cover 93-97 % of the truths though samples of a run share noise and level."""
+    # Of single parameters only the least is judged, by four binomial standard deviations since it is the least of some
+    # forty. Link 5's own x covers always: its interval carries the ignorance of eta_5/eta_6, which is zero in the
+    # table.
     truth = table1.puma560()
     ours, theirs = coverage(truth, Bench(truth, table1.experiment(2), rate=50.0), white=20)
     assert 0.93 <= np.mean(list(ours.values())) <= 0.97

@@ -72,10 +72,8 @@ def ripples(models):
 
 
 def half_sums():
-    """Cosine, sine and constant (A) of half the sum of neighbouring UR3e strokes, straight from the recording.
-
-    Friction that is alike both ways drops out; the acceleration's share, which is alike both ways, is fitted beside.
-    """
+    """Cosine, sine and constant (A) of half the sum of neighbouring UR3e strokes, straight from the recording."""
+    # Friction that is alike both ways drops out; the acceleration's share, which is alike both ways, is fitted beside.
     table = pd.read_parquet(real.files(real.UR3E)[0])
     q, qdd, i = (table[name].to_numpy() for name in ("actual_q_1", "target_qdd_1", "actual_current_1"))
     moving = np.sign(table["target_qd_1"].to_numpy())
@@ -167,10 +165,8 @@ def test_ur3e_without_measured_currents_is_refused(scratch):
 
 
 def test_gen3_single_parameters_are_not_identifiable(gen3):
-    """One direction, one speed, one posture: no parameter but one has a value; the reasons say which of these it is.
-
-    Link 7's weight lies along link 6's x axis where joint 7 was held, so that link 6's y is told.
-    """
+    """One direction, one speed, one posture: no parameter but one has a value; the reasons say which of these it is."""
+    # Link 7's weight lies along link 6's x axis where joint 7 was held, so that link 6's y is told.
     values = real.parameters(gen3[1])
     assert {name for name, value in values.items() if value["value"] is not None} <= {"gravity.l6.y"}
     for joint in range(1, 8):

@@ -18,10 +18,8 @@ SEEDS = (20_001, 20_002)
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_runs_bias_no_friction(name):
-    """At signal-to-noise 10, what ramps and ringing put into runs moves friction by under half a standard error.
-
-    Over seven tenths of what is truly at constant speed is in them.
-    """
+    """At signal-to-noise 10, what ramps and ringing put into runs moves friction by under half a standard error."""
+    # Over seven tenths of what is truly at constant speed is in them.
     world = World(**SCENARIOS[name])
     scores = [score(truth, segment(truth.logs, robot(world))) for truth in (make(world, seed) for seed in SEEDS)]
     assert max(s.bias for s in scores) < 0.5

@@ -18,10 +18,8 @@ def estimates(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_value_lies_in_its_interval_as_often_as_promised(estimates):
-    """Of all 95 % intervals of 10 experiments 93-97.5 % hold the value of the table (some 37 values each).
-
-    Inertia has no row in the table.
-    """
+    """Of all 95 % intervals of 10 experiments 93-97.5 % hold the value of the table (some 37 values each)."""
+    # Inertia has no row in the table.
     known = table1.puma560().parameters()
     hits = [
         value.ci95[0] <= known[value.name] <= value.ci95[1]

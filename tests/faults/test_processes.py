@@ -43,10 +43,8 @@ def is_whole(results: Path) -> bool:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_killed_at_any_instant(arm, number):
-    """At random instants: the model is the old or the new one, never half; Ctrl-C leaves no traceback, and code 130.
-
-    The runs identify the first and the second log in turn, so that each has something to change.
-    """
+    """At random instants: the model is the old or the new one, never half; Ctrl-C leaves no traceback, and code 130."""
+    # The runs identify the first and the second log in turn, so that each has something to change.
     logs, model, rng = sorted((arm / "logs").iterdir()), arm / "results" / "model.json", random.Random(1)
     made, spans, over = [], [], 0
     for log in logs:

@@ -86,11 +86,9 @@ def test_a_hidden_effect_lands_in_its_part(effect):
 
 @pytest.mark.parametrize("effect", ["stribeck", "ripple", "presliding", "friction_step"])
 def test_noise_is_what_the_same_noise_leaves_without_the_effect(effect):
-    """What is told as noise is what the same draws leave of a robot that hides nothing.
-
-    So all other parts hold what the effect adds to the residual: to a third of it, or to a tenth of the whole, which is
-    what 32 levels of repeated runs allow. Repeats of a run differ, too, where friction changes between them.
-    """
+    """What is told as noise is what the same draws leave of a robot that hides nothing."""
+    # So all other parts hold what the effect adds to the residual: to a third of it, or to a tenth of the whole, which
+    # is what 32 levels of repeated runs allow. Repeats of a run differ, too, where friction changes between them.
     truth, found = hiding(effect, size=0.6, **TRACES[effect][0]), told(effect, 0.6)
     alone = judged(Bench(replace(truth, hidden=()), plan(SEEDS), rate=50.0, bins=120), SEEDS)[0].mean_square
     added = judged(Bench(truth.with_noise(0.0), plan(SEEDS), rate=50.0, bins=120), SEEDS)[0].mean_square

@@ -37,10 +37,8 @@ def model(folder: Path, tables, *, recipe: str = RECIPE, names=("a.csv", "b.csv"
 
 
 def assert_scaled(found: dict, *, factor: float = 1.0, share: float = ROUNDING, without: str = "none") -> None:
-    """Parameters, but for ratios, are `factor` times those of the good logs, to a share of their errors.
-
-    Names that start with `without` are not compared.
-    """
+    """Parameters, but for ratios, are `factor` times those of the good logs, to a share of their errors."""
+    # Names that start with `without` are not compared.
     new, old = intervals(found), intervals(fitted())
     assert new.keys() == old.keys()
     for name, (value, low, high) in old.items():
@@ -99,11 +97,9 @@ def test_order_of_files_changes_nothing(tmp_path):
 @FEW
 @given(st.lists(st.integers(1, 3600), min_size=1, max_size=5, unique=True))
 def test_where_files_are_cut_changes_nothing(tmp_path, cuts):
-    """A recording in pieces, even in the middle of runs, is one recording.
-
-    A run ends where its file ends, so a cut inside one gives two shorter runs: a standard error is allowed for it.
-    Inertia is not compared: it comes from the few accelerations, one of which a cut may take away.
-    """
+    """A recording in pieces, even in the middle of runs, is one recording."""
+    # A run ends where its file ends, so a cut inside one gives two shorter runs: a standard error is allowed for it.
+    # Inertia is not compared: it comes from the few accelerations, one of which a cut may take away.
     first, second = good()
     edges = [0, *sorted(cuts), len(first)]
     parts = [first[a:b] for a, b in pairwise(edges)]
@@ -132,9 +128,7 @@ def test_names_of_joints_change_nothing(tmp_path):
 
 
 def test_time_of_any_origin_changes_nothing(tmp_path):
-    """Seconds since 1970 are as good as seconds since the start.
-
-    Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other one,
-    and one at the end of a run in or out of it, which at 40 Hz is a share of its standard error.
-    """
+    """Seconds since 1970 are as good as seconds since the start."""
+    # Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other
+    # one, and one at the end of a run in or out of it, which at 40 Hz is a share of its standard error.
     assert_scaled(model(tmp_path / "arm", [table.assign(t=table.t + 1.7e9) for table in good()]), share=0.5)

@@ -19,10 +19,8 @@ NOISE = 0.02
 
 
 def pendulum_current(joint: int, q: np.ndarray, *, other: float, qd: np.ndarray) -> np.ndarray:
-    """Current (A) of the two-link pendulum by trigonometry: both axes level, motor constants 0.5 and 2 A/(N m).
-
-    Angles from the horizontal; first moments 0.2 kg m and 0.08 kg m, the outer link of 0.3 kg a quarter metre out.
-    """
+    """Current (A) of the two-link pendulum by trigonometry: both axes level, motor constants 0.5 and 2 A/(N m)."""
+    # Angles from the horizontal; first moments 0.2 kg m and 0.08 kg m, the outer link of 0.3 kg a quarter metre out.
     first = 9.80665 * ((0.2 + 0.25 * 0.3) * np.cos(q) + 0.08 * np.cos(q + other))
     second = 9.80665 * 0.08 * np.cos(q + other)
     weight = 0.5 * first if joint == 1 else 2.0 * second
@@ -96,10 +94,8 @@ def test_predicts_a_posture_that_it_never_saw(fitted):
 
 
 def test_one_speed_tells_friction_as_a_sum():
-    """A model of one speed knows what friction takes, not how much of it is Coulomb's; two speeds tell it.
-
-    The share of the sum is the truth's, however the solution splits it.
-    """
+    """A model of one speed knows what friction takes, not how much of it is Coulomb's; two speeds tell it."""
+    # The share of the sum is the truth's, however the solution splits it.
     for speeds, told in (((0.4, 1.0), {"coulomb", "viscous"}), ((0.4,), {"coulomb+viscous"})):
         dataset = Dataset(runs((0.0, 1.0), speeds))
         comparison = made(dataset, pumaid.identify(dataset, worlds.PENDULUM))

@@ -23,10 +23,8 @@ def by_blocks(
 
 
 def test_covariance_and_freedoms_are_the_dense_formulas():
-    """CR2 with a matrix root of another library, and Satterthwaite's 2 E^2 / Var of each variance from dense forms.
-
-    The mean of the formula under independent unit noise, summed exactly over the noise, is the true covariance.
-    """
+    """CR2 with a matrix root of another library, and Satterthwaite's 2 E^2 / Var of each variance from dense forms."""
+    # The mean of the formula under independent unit noise, summed exactly over the noise, is the true covariance.
     annihilator, makers = np.eye(len(WHOLE)) - WHOLE @ INVERSE @ WHOLE.T, []
     for J, rows in zip(BLOCKS, np.split(np.arange(len(WHOLE)), np.cumsum(SIZES)[:-1]), strict=True):
         A = np.real(linalg.inv(linalg.sqrtm(np.eye(len(J)) - J @ INVERSE @ J.T)))

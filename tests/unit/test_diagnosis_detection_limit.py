@@ -35,10 +35,8 @@ def told(step: Step) -> dict:
 
 @pytest.mark.parametrize("name", ["spring", pytest.param("torque_droop", marks=pytest.mark.slow)])
 def test_an_effect_of_the_limits_size_is_found_four_times_in_five(name):
-    """Found and named (rivals count) as a binomial of 0.8 is in 99.8 % of cases; a third of the size is not.
-
-    Both effects have one shape, so that the limit is not a median over shapes.
-    """
+    """Found and named (rivals count) as a binomial of 0.8 is in 99.8 % of cases; a third of the size is not."""
+    # Both effects have one shape, so that the limit is not a median over shapes.
     added = EffectTerm(catalogue()[name], 1, {})
     limit = float(np.mean([told(look(lever(), seed))[name, 1].size for seed in (901, 902, 903)]))
     hits = {}

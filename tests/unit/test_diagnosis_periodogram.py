@@ -40,10 +40,8 @@ def solved_row(some: Lab, runs: tuple[Run, ...]) -> FitRow:
 
 @cache
 def along(kind: str, runs: int, apart: float = 0.0) -> FitRow:
-    """Runs there and back with the wave and noise, 300 bins each, and what the base model leaves of them.
-
-    Every other pair of runs is made `apart` (rad) from the others.
-    """
+    """Runs there and back with the wave and noise, 300 bins each, and what the base model leaves of them."""
+    # Every other pair of runs is made `apart` (rad) from the others.
     rng, made = np.random.default_rng(0), []
     for number in range(runs):
         start, end = (-1.5, 1.5) if number % 2 else (1.5, -1.5)

@@ -86,10 +86,8 @@ def test_jacobian_is_the_derivative_of_the_prediction():
 
 
 def test_effects_and_their_shapes_are_fitted_with_all_else():
-    """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves.
-
-    To a thousandth: shapes have a prior in the fit.
-    """
+    """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves."""
+    # To a thousandth: shapes have a prior in the fit.
     solved = noisy(lever(), STRIBECK, WARMUP)
     row = solved.row(1)
     columns = [Model(lever().robot).design(row.bins)]

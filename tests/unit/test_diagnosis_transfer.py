@@ -104,10 +104,8 @@ def found(hidden: Hidden):
 
 
 def test_of_gear_losses_the_weight_leaves_only_the_sum():
-    """The weight takes half the difference of the losses and is fitted a tenth too large: of it they are 0.4 / 1.1.
-
-    The drawn motor counts its current against the motion, so friction is negative.
-    """
+    """The weight takes half the difference of the losses and is fitted a tenth too large: of it they are 0.4 / 1.1."""
+    # The drawn motor counts its current against the motion, so friction is negative.
     (only,) = sizes(found(Hidden("load_friction", 1, {"drive": 0.3, "back": 0.1})))
     assert only.name == "drive + back" and only.unit == "1"
     assert only.value == pytest.approx(-0.4 / 1.1, abs=3.0 * only.std_error) and only.std_error < 0.02

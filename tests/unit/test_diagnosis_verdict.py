@@ -29,10 +29,8 @@ def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> ReplicateTe
 
 @pytest.mark.parametrize("din", [DIN, Din(is_heavy=True), Din(correlation=0.9, level=0.02)])
 def test_noise_repeats_by_chance_alone(din):
-    """Over 100 experiments chances are even or told up to twice too small: docs/statistics.md owns up to that.
-
-    The noise by which runs are whitened is taken from the differences of the same pairs, and flips do not undo that.
-    """
+    """Over 100 experiments chances are even or told up to twice too small: docs/statistics.md owns up to that."""
+    # The noise by which runs are whitened is taken from the differences of the same pairs, and flips do not undo that.
     found = np.array([of(lever(), seed, din=din).p_value for seed in range(100)])
     for level, told in ((0.05, 0.1), (0.5, 0.65)):
         assert (

@@ -116,11 +116,9 @@ def assert_first_order(found: np.ndarray, wanted: np.ndarray, world: World, seen
 
 
 def balanced(name: str) -> World:
-    """An arm whose first link's centre of mass lies so that no first moment of it is unknown.
-
-    Under an upright waist no current shows the first moment of link 1, lengths of others included, so effects cannot
-    know it either. Its load in a tilted base is linear in the centre's x and y: two trials tell where it is nothing.
-    """
+    """An arm whose first link's centre of mass lies so that no first moment of it is unknown."""
+    # Under an upright waist no current shows the first moment of link 1, lengths of others included, so effects cannot
+    # know it either. Its load in a tilted base is linear in the centre's x and y: two trials tell where it is nothing.
     world, tilt = World.of(name), (SMALL, SMALL)
     mass, centre = world.bodies[0]
 

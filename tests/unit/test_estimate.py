@@ -197,10 +197,8 @@ SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 
 @cache
 def hiding(text, *, robot=PENDULUM, noise=1.0, speeds=SPEEDS, seed=1, repeats=2) -> tuple[dict[str, float], Dataset]:
-    """True values of a hidden effect, and what the logs of an arm with it leave; its noise scaled by `noise`.
-
-    The motions come in random order, so that time does not go with speed or posture.
-    """
+    """True values of a hidden effect, and what the logs of an arm with it leave; its noise scaled by `noise`."""
+    # The motions come in random order, so that time does not go with speed or posture.
     truth = drawn(robot).hiding((parse(text, robot),))
     truth = replace(truth, noise=replace(truth.noise, std=noise * truth.noise.std))
     plan = experiment(robot, postures=4, speeds=speeds, repeats=repeats)

@@ -136,10 +136,8 @@ def beyond_a_screen(path: Path) -> list[str]:
 
 
 def crowded(path: Path) -> dict[str, int]:
-    """Functions with more than three arguments by position (four behind an underscore), and how many.
-
-    An error takes slug, what, where and mend in the order in which they are printed; click calls by keyword.
-    """
+    """Functions with more than three arguments by position (four behind an underscore), and how many."""
+    # An error takes slug, what, where and mend in the order in which they are printed; click calls by keyword.
     counts = {}
     for function in functions(path) if path.name != "errors.py" else ():
         names = [a.arg for a in (*function.args.posonlyargs, *function.args.args) if a.arg not in ("self", "cls")]

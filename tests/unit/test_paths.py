@@ -34,10 +34,8 @@ def folder(tmp_path: Path) -> Path:
     ],
 )
 def test_files_folders_and_globs(folder: Path, argument: str, wanted: str) -> None:
-    """A folder is its logs in natural order, without hidden files, results and plans; what is named is taken.
-
-    A URL of the same place means the same, whatever letters and folders lead there.
-    """
+    """A folder is its logs in natural order, without hidden files, results and plans; what is named is taken."""
+    # A URL of the same place means the same, whatever letters and folders lead there.
     place = f"{folder.parent}/{argument[3:]}" if argument.startswith("..") else f"{folder}/{argument}".rstrip("/")
     paths = expand([place, place])
     assert "|".join(str(path.relative_to(folder)) for path in paths) == wanted

@@ -69,10 +69,8 @@ def test_everything_the_arm_has_is_promised(name):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_joint_has_postures_speeds_and_spans(name):
-    """Four postures and speeds, the whole span in two, both ways equally; judged at speeds and postures of no fit.
-
-    No motion passes a limit or a highest speed, moving or held.
-    """
+    """Four postures and speeds, the whole span in two, both ways equally; judged at speeds and postures of no fit."""
+    # No motion passes a limit or a highest speed, moving or held.
     for joint in arm(name).joints:
         for motion in planned(name).motions:
             moves = motion.joint == joint.number
@@ -157,10 +155,8 @@ def test_all_faults_are_told_together():
     ids=lambda robot: robot.name,
 )
 def test_odd_arms_get_a_plan(robot):
-    """One joint, no weight, only sliding joints, a span of seven degrees: a plan all the same, with its reasons.
-
-    Runs of a crawling joint last for seconds at four speeds or more, not for hours over its span.
-    """
+    """One joint, no weight, only sliding joints, a span of seven degrees: a plan all the same, with its reasons."""
+    # Runs of a crawling joint last for seconds at four speeds or more, not for hours over its span.
     found = plan(robot, seed=2)
     assert {motion.joint for motion in found.motions} == set(range(1, robot.n_joints + 1))
     assert {f"coulomb.j{k}.plus" for k in range(1, robot.n_joints + 1)} <= set(found.expected)

@@ -299,10 +299,8 @@ def safety(recipe, block: str) -> Safety | None:
 
 
 def test_safety_is_read(recipe) -> None:
-    """Boxes, spheres, tool, margin and ignored links become the record, in m though the file's angles are degrees.
-
-    An empty block means nothing; a box without a name is told by its number; 20 mm are left.
-    """
+    """Boxes, spheres, tool, margin and ignored links become the record, in m though the file's angles are degrees."""
+    # An empty block means nothing; a box without a name is told by its number; 20 mm are left.
     found = safety(recipe, f"tool: [0, 0, 0.1]\nboxes: [{BOX}]\nspheres: [{BALL}]\nmargin: 0.05\nignore: [[6, 4]]")
     table, ball = Box("table", (-1, -1, -1), (1, 1, -0.02)), Sphere(3, (0.2, 0, 0), 0.08)
     assert found == Safety((table,), (ball,), (0, 0, 0.1), 0.05, ((4, 6),))

@@ -39,10 +39,8 @@ def world(seed: int, *, phi: float = 0.0, level: float = 0.0, ripple: float = 0.
     ids=str,
 )
 def test_floor_of_noise(conditions, expected, within):
-    """White or correlated, it is the noise's standard deviation and what a run differs by as a whole.
-
-    A ripple three times the noise that repeats hardly moves the floor, though bins lie elsewhere in each run.
-    """
+    """White or correlated, it is the noise's standard deviation and what a run differs by as a whole."""
+    # A ripple three times the noise that repeats hardly moves the floor, though bins lie elsewhere in each run.
     floors = [noise_floor(pairs(world(seed, **conditions)))[0] for seed in EXPERIMENTS]
     assert np.sqrt(np.mean(np.square(floors))) == pytest.approx(expected, rel=within)
 

@@ -45,11 +45,9 @@ def plan(name: str, count: int = 12) -> Plan:
 
 
 def driven_urscript(text: str, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int], list[int]]:
-    """Positions (N, J) and velocities every `STEP`, numbers announced and the samples at which they were.
-
-    movej goes straight in the joints' space by a trapezoid whose speed and acceleration are the leading axis's: of the
-    joint that goes farthest.
-    """
+    """Positions (N, J) and velocities every `STEP`, numbers announced and the samples at which they were."""
+    # movej goes straight in the joints' space by a trapezoid whose speed and acceleration are the leading axis's: of
+    # the joint that goes farthest.
     here, positions, velocities, numbers, marks = begin, [], [], [], []
     for line in text.splitlines():
         words = line.strip()
