@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 16778,
     "modules": 154,
     "import depth": 12,
-    "lines of tests and tools": 22480,
+    "lines of tests and tools": 22460,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
