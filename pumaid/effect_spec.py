@@ -36,7 +36,6 @@ class Column:
     name: str
     symbol: str
     unit: str
-    meaning: str
     owner: int
     effect: str
     place: int | None = None
@@ -106,7 +105,6 @@ class EffectTerm:
                 name=f"{effect.name}.{letter}{item.name}{self.mark}",
                 symbol=symbol + self.mark,
                 unit=item.unit.format(unit=unit),
-                meaning=item.meaning,
                 owner=number,
                 effect=effect.name,
                 place=place,

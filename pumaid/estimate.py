@@ -43,24 +43,32 @@ class Combination:
 
 
 @dataclass(frozen=True, slots=True)
-class JointFit:
-    """How well one joint is fitted: counts, RMSE of samples (A), noise floor (A) or None with the reason.
+class JointResult:
+    """How well a model meets the runs of one joint (from 1), held-out ones apart unless there are no others.
 
-    `posture_groups` counts the distinct sets of held positions; `kinds` counts runs by kind. `heldout_runs` are those
-    that the plan keeps for judging, `heldout` their RMSE (A), None without.
+    `rmse` (A) is over samples, `noise_floor` (A) the RMSE that no model goes below, or `noise_floor_reason` says why it
+    is not known; `heldout_runs` are those that the plan keeps for judging, `heldout` their RMSE (A), None without.
     """
 
     joint: int
     runs: int
     samples: int
-    rmse: float | None
-    noise_floor: float | None
+    rmse: float | None = None
+    noise_floor: float | None = None
     noise_floor_reason: str | None = None
+    heldout_runs: int = 0
+    heldout: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit(JointResult):
+    """How well one joint is fitted; `posture_groups` counts the distinct sets of held positions, `kinds` runs by kind,
+    `run_level` (A) is the noise that a run shares.
+    """
+
     run_level: float | None = None
     posture_groups: int = 0
     kinds: dict[str, int] = field(default_factory=dict)
-    heldout_runs: int = 0
-    heldout: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -145,10 +145,6 @@ class Gains:
         """Rows at or beyond `row`."""
         return [other for other in range(self.n_rows) if row in self.path(other)]
 
-    def merge(self, row: int, root: int, ratio: float) -> None:
-        """Make the cluster of `root` part of the cluster of `row` with eta_row / eta_root = `ratio`."""
-        self.parent[root], self.edge[root] = row, ratio
-
     @property
     def edges(self) -> list[int]:
         """Rows that have a parent: the lower ends of all edges."""
@@ -261,7 +257,7 @@ class Recursion:
         ratios[is_shown] = solution.values
         for number, root in enumerate(roots, start=len(owned)):
             if is_shown[number] or spread is not None:
-                self.gains.merge(row, root, float(ratios[number]))
+                self.gains.parent[root], self.gains.edge[root] = row, float(ratios[number])
             if not is_shown[number]:
                 self.redundant.append((row, root))
 

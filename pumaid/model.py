@@ -101,7 +101,7 @@ def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], se
                 absent[f"gravity.l{link}.{name}"] = _why_absent(robot, link, constant)
         for root, is_sure in zip(roots, sure[len(owned) :], strict=True):
             if is_sure:
-                recursion.gains.merge(row, root, float(rng.uniform(0.5, 2.0)))
+                recursion.gains.parent[root], recursion.gains.edge[root] = row, float(rng.uniform(0.5, 2.0))
     redundant = {}
     for inner, outer in itertools.pairwise(joints):
         if not np.isfinite(recursion.gains.ratio(inner.number - 1, outer.number - 1)):
@@ -183,7 +183,7 @@ class Model:
             unit = UNITS.get(kind if kind == "rotor" else part[0], ("A s2 m", "A s2/rad"))
             turns = self.robot.joint(int(owner[1:])).is_revolute
             if kind != "gravity":
-                yield Column(name, symbol, unit[turns], "inertia", int(owner[1:]), INERTIA, scope=Scope.LINK)
+                yield Column(name, symbol, unit[turns], int(owner[1:]), INERTIA, scope=Scope.LINK)
         for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
             parts = EffectTerm(effect, number).parts(self.robot, None)
             yield from (replace(part, span=math.inf) for part in parts if part.name not in self.structure.absent)

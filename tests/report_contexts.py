@@ -52,8 +52,8 @@ def table_one() -> PaperModel:
     truth = worlds.puma()
     values = tuple(_value(name, value) for name, value in truth.parameters().items())
     fits = tuple(
-        JointFit(joint, 10, 1000, float(std), 0.9 * float(std), None, 0.1 * float(std), 2, {"constant": 10})
-        for joint, std in enumerate(truth.noise.std, start=1)
+        JointFit(joint, 10, 1000, std, 0.9 * std, run_level=0.1 * std, posture_groups=2, kinds={"constant": 10})
+        for joint, std in enumerate(truth.noise.std.tolist(), start=1)
     )
     empty = np.zeros((0, 0))
     estimate = Estimate("PUMA 560", fits, values, (), np.zeros(0), empty, np.eye(6), empty)

@@ -432,7 +432,7 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
         numbers = [n for n, run in enumerate(dataset.runs) if run.joint == joint.number]
         if not numbers:
             why = f"joint {joint.number} never moves alone in these logs"
-            joints.append(JointScore(joint.number, 0, 0, None, None, None, None, why))
+            joints.append(JointScore(joint.number, 0, 0, noise_floor_reason=why))
             continue
         prediction, were_fitted = at_joints[joint.number], [is_fitted[n] for n in numbers]
         of_runs = list(prediction.run_scores(were_fitted))

@@ -10,7 +10,7 @@ import numpy as np
 
 from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.errors import Note
-from pumaid.estimate import Estimate
+from pumaid.estimate import Estimate, JointResult
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Flags, Floats
 from pumaid.model import Model, loads_at
@@ -122,28 +122,19 @@ class RunScore:
 
 
 @dataclass(frozen=True, slots=True)
-class JointScore:
-    """One joint (from 1) over its runs; held-out runs are counted apart unless there are no others.
+class JointScore(JointResult):
+    """One joint over its runs.
 
-    `rmse`, `bias` (over samples) and `rms` (of the measured current) are in A; `noise_floor` is the RMSE that no model
-    goes below, or `noise_floor_reason` says why it is not known. `shares` maps effects to their share of the mean
+    `bias` (over samples) and `rms` (of the measured current) are in A. `shares` maps effects to their share of the mean
     square of the current, which with `UNEXPLAINED` add up to 1: a negative one relieves the motor, and effects of which
     the fitted data determine the sum only stand together, joined by `TOGETHER`. `undetermined` counts runs whose
     prediction rests on what the fitted data did not determine.
     """
 
-    joint: int
-    runs: int
-    samples: int
-    rmse: float | None
-    bias: float | None
-    explained: float | None
-    noise_floor: float | None
-    noise_floor_reason: str | None = None
+    bias: float | None = None
+    explained: float | None = None
     rms: float | None = None
     shares: dict[str, float] = field(default_factory=dict)
-    heldout_runs: int = 0
-    heldout: float | None = None
     undetermined: int = 0
     budget: Budget | None = None
 

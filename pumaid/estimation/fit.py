@@ -165,10 +165,6 @@ class Fit:
         is_felt = self.assigned[None, :] >= np.arange(len(self.assigned))[:, None]
         return np.triu(np.where(is_felt, self.gains.scales()[:, self.assigned], np.nan))
 
-    def factors(self, joint: int) -> Floats:
-        """(p,) what multiplies each parameter in the current of `joint` (from 1); unknown ratios count as zero."""
-        return np.asarray(self.system.factors(self.gains)[joint - 1])
-
     def information(self) -> Floats:
         """(P, P) of all bins, without priors."""
         return np.asarray(sum(row.jacobian.T @ row.jacobian for row in self.joints))

@@ -88,11 +88,17 @@ def fit_bins(
     assigned = assign(model, [row.joint for row in rows])
     owners, limit = owners_of(model, assigned), limits(rows, model)
     paper, start, levels, weak = _recursions(model, rows, owners, limit, tell=tell)
+    # Columns left open by their own row; and weights of rows that were solved with an open load taken for known.
+    gains, absorbed = paper.gains, dict[int, list[tuple[int, int]]]()
+    is_load, is_open = np.array([c.effect == "gravity" for c in model.columns]), paper.undetermined.copy()
+    for edge in sorted(gains.edges, reverse=True):
+        if np.any(is_open & is_load & np.isin(paper.owners, gains.subtree(edge))):
+            is_open |= is_load & (paper.owners == gains.parent[edge])
+    for n in np.flatnonzero(is_open).tolist():
+        absorbed[n] = [(row + 1, root + 1) for row, root in paper.redundant if row == paper.owners[n]]
     system, prior = system_of(rows, levels, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
     solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
-    first = Fit(model, rows, assigned, levels, tuple(weak), system, solution, prior, limit)
-    is_load = np.array([column.effect == "gravity" for column in model.columns])
-    first = replace(first, absorbed=_absorbed(paper, is_load))
+    first = Fit(model, rows, assigned, levels, tuple(weak), system, solution, prior, limit, absorbed=absorbed)
     fitted = replace(first, first=first)
     if recursive:
         return fitted
@@ -151,17 +157,6 @@ def _recursions(
                 start.values[load] *= gains.edge[root]
                 gains.edge[root] = USUAL_RATIO
     return paper, start, levels, weak
-
-
-def _absorbed(recursion: Recursion, is_load: Flags) -> dict[int, list[tuple[int, int]]]:
-    """Columns left open by their own row; and weights of rows that were solved with an open load taken for known."""
-    gains, owners = recursion.gains, recursion.owners
-    is_open = recursion.undetermined.copy()
-    for edge in sorted(gains.edges, reverse=True):
-        if np.any(is_open & is_load & np.isin(owners, gains.subtree(edge))):
-            is_open |= is_load & (owners == gains.parent[edge])
-    lost = [[(r + 1, root + 1) for r, root in recursion.redundant if r == row] for row in range(gains.n_rows)]
-    return {int(n): lost[owners[n]] for n in np.flatnonzero(is_open)}
 
 
 def _refined(fitted: Fit, start: Recursion) -> Fit:

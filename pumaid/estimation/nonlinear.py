@@ -236,14 +236,7 @@ class EffectFit:
     @property
     def shapes(self) -> tuple[Point, ...]:
         """Shapes of each effect: what the model has, moved by the fit's last step."""
-        model = self.fit.model
-        out = [dict(term.shape) for term in model.effects]
-        for column, value in zip(model.columns, self.fit.values, strict=True):
-            if column.place is not None and column.shape is not None:
-                facts = model.effects[column.place].shapes(model.robot)[column.shape]
-                moved = out[column.place][column.shape] + float(value)
-                out[column.place][column.shape] = float(np.clip(moved, facts.low, facts.high))
-        return tuple(out)
+        return tuple(dict(self._stepped(place, term).shape) for place, term in enumerate(self.fit.model.effects))
 
     def now(self) -> Model:
         """The model with the effects so far, in order."""

@@ -94,7 +94,7 @@ def chain(*edges: float) -> Gains:
     """Rows 0 - 1 - 3 on one branch, row 2 on another."""
     gains = Gains(4)
     for (upper, lower), ratio in zip([(1, 3), (0, 1), (0, 2)], edges, strict=True):
-        gains.merge(upper, lower, ratio)
+        gains.parent[lower], gains.edge[lower] = upper, ratio
     return gains
 
 

@@ -126,7 +126,7 @@ def test_parameters_are_counted(context):
 def score(budget: Budget | None, joint: int = 2) -> JointScore:
     """A joint's score with this budget."""
     rmse = None if budget is None else budget.mean_square**0.5
-    return JointScore(joint, 8, 800, rmse, 0.0, 0.9, None, None, budget=budget)
+    return JointScore(joint, 8, 800, rmse, bias=0.0, explained=0.9, budget=budget)
 
 
 def made(**parts: float) -> Budget:
