@@ -1,9 +1,9 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 26914,
-    "statements": 16778,
-    "modules": 154,
+    "lines": 26860,
+    "statements": 16712,
+    "modules": 152,
     "import depth": 12,
     "lines of tests and tools": 22460,
     "words of documents": 29900,
