@@ -105,7 +105,7 @@ class Experiment:
         dataset
             Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
         """
-        from pumaid.io.paths import expand, meant
+        from pumaid.io.paths import chosen_logs, expand
         from pumaid.io.plan_file import find_plan, read_plan
         from pumaid.preprocessing.binning import DEFAULTS
         from pumaid.preprocessing.hold_out import hold_out, match_with_plan
@@ -131,7 +131,7 @@ class Experiment:
         if not self.heldout:
             return dataset
         names = [facts.name for facts in dataset.files]
-        files = dict.fromkeys(name for word in self.heldout if word != POSTURE for name in meant(word, names))
+        files = dict.fromkeys(name for word in self.heldout if word != POSTURE for name in chosen_logs(word, names))
         return hold_out(dataset, files=files, postures=POSTURE in self.heldout)
 
     def files(self, *inputs: Path | None) -> list[Path]:

@@ -15,6 +15,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "ns": ("time", 1e-9),
     "rad/s": ("angular velocity", 1.0),
     "deg/s": ("angular velocity", math.pi / 180.0),
+    "rev/s": ("angular velocity", 2.0 * math.pi),
     "rpm": ("angular velocity", 2.0 * math.pi / 60.0),
     "m/s": ("linear velocity", 1.0),
     "mm/s": ("linear velocity", 1e-3),

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from pumaid.errors import LogError, Note, PumaidError, Where, listed, nearest, refuse
+from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
 from pumaid.io.formats import LogColumn
 from pumaid.maths import Counts, Floats
 from pumaid.robot import Joint, LogFormat, Robot
@@ -39,10 +39,9 @@ _UNIT_WORDS = {
 }
 #: What the absence of a quantity's column means.
 _ABSENCE = {
-    "current": ("current-absent", "the runs of these joints show no current and are not identified"),
-    "velocity": ("velocity-absent", "all velocities are derived from position"),
-    "temperature": ("temperature-absent", "these temperatures are not known"),
-    "extra": ("extra-absent", "it counts as unknown here"),
+    "current": "the runs of these joints show no current and are not identified",
+    "velocity": "all velocities are derived from position",
+    "temperature": "these temperatures are not known",
 }
 
 #: Wanted, not measured: never proposed while a measured column is there.
@@ -102,9 +101,9 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
 
     Raises
     ------
-    LogError [column-missing, column-doubled, no-current]
-        Time or a position is absent, no current is there at all, or a needed name stands twice; with what the file has,
-        the nearest name, or a `log` block to paste. Several faults are told together (`Faults`).
+    LogError [column-missing]
+        Time, a position or a column of `extra` is absent, no current is there at all, or a needed name stands twice;
+        with what the file has, the nearest name, or a `log` block to paste. Several are told together (`Faults`).
     """
     header = [column.name for column in schema]
     wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
@@ -119,10 +118,10 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
         lacking = [column for column in asked if column is not None and column not in header]
         # A velocity or temperature that nobody named is passed over in silence.
         usual = getattr(LogFormat(), quantity, None)
-        is_asked = quantity in ("current", "extra") or present or getattr(robot.log, quantity) != usual
+        is_asked = quantity == "current" or present or getattr(robot.log, quantity, None) != usual
         if lacking and is_asked and quantity in _ABSENCE:
-            slug, meaning = _ABSENCE[quantity]
-            notes.append(Note(slug, f"no column {listed(lacking)}: {meaning}", Where(file=name)))
+            text = f"no column {listed(lacking)}: {_ABSENCE[quantity]}"
+            notes.append(Note("column-absent", text, Where(file=name)))
         if quantity == "velocity" and lacking:
             present = {}
         indices = [(k, len(names) + count) for count, k in enumerate(present)]
@@ -142,20 +141,22 @@ def _faults(
     header: Sequence[str], robot: Robot, wanted: Mapping[str, list[str | None]], name: str
 ) -> list[PumaidError]:
     faults: list[PumaidError] = []
-    missing = [str(column) for column in [robot.log.time, *wanted["position"]] if column not in header]
     currents = list(map(str, wanted["current"]))
+    missing = [str(column) for column in [robot.log.time, *wanted["position"]] if column not in header]
+    missing = missing or ([] if any(column in header for column in currents) else currents)
     where = Where(file=name, row=1)
     if missing:
         what = f"{name} has no column {listed(missing)}; it has {listed(header, 12)}"
         faults.append(LogError("column-missing", what, where, _mend(header, robot, missing)))
-    elif not any(column in header for column in currents):
-        what = f"{name} has no current of any joint ({listed(currents)}); it has {listed(header, 12)}"
-        faults.append(LogError("no-current", what, where, _mend(header, robot, currents)))
     used = {robot.log.time, *(column for columns in wanted.values() for column in columns)}
     doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]
     if doubled:
         what = f"{name} has column {listed(doubled)} more than once"
-        faults.append(LogError("column-doubled", what, where, "rename or remove all but one"))
+        faults.append(LogError("column-missing", what, where, "rename or remove all but one"))
+    for column in wanted["extra"]:
+        if column not in header:
+            mend = meant(column, header)
+            faults.append(LogError("column-missing", f"{name} has no column {column}", where, mend))
     return faults
 
 

@@ -5,20 +5,18 @@ No step holds a file.
 
 import hashlib
 import math
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from pumaid.dataset import FileFacts, Log
-from pumaid.errors import LogError, Note, Where, listed, nearest
-from pumaid.io.columns import ALIKE, Columns, resolve
-from pumaid.io.formats import HEAD_BYTES, LogSource, log_format
+from pumaid.errors import LogError, Note, Where, listed
+from pumaid.io.columns import Columns, resolve
+from pumaid.io.formats import HEAD_BYTES, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.robot import Robot
 
 Rows = Counts
@@ -29,8 +27,6 @@ ABSURD = 1e6
 ABSURD_TIME = 1e11
 #: A log with a larger share of bad rows is not one with faults but a faulty one.
 MAX_BAD = 0.05
-#: Rows that are looked at behind a step back of time, and rows that a recording has at least before it starts anew.
-_BEHIND, _FEWEST_BEFORE = 20, 50
 #: A jump is a wrap if what remains of it without the turn is within this share of a turn (or within the joint's speed).
 _WRAP_SHARE = 0.02
 #: rad/s; taken as the fastest possible where the recipe gives no maximum: a turn within a quarter second.
@@ -43,13 +39,38 @@ _GAP_INTERVALS = 5.0
 _GAP_SECONDS = 0.05
 #: s, and share of the median: times between samples that vary by more (RMS) blur where an arm speeds up and slows down.
 _JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
-#: What the absence of a quantity means where a part of its numbers, and where all are absent.
-_ABSENCE = {
-    "velocity": ("speeds are taken from position there", "these velocities are derived from position"),
-    "current": (
-        "these samples show nothing of their joints, and are not fitted",
-        "the runs of these joints show no current and are not identified",
+#: The entry of the rows that have a fault in any column.
+_ANY = ""
+
+
+class RowFault(NamedTuple):
+    """A kind of faulty rows: the note's slug, what they have, what becomes of them, and how to mend a log of which a
+    larger share than `limit` has it.
+    """
+
+    slug: str
+    what: str
+    meaning: str
+    limit: float = 1.0
+    mend: str = ""
+
+
+_KINDS = {
+    "bad": RowFault(
+        *("bad-samples", "no number or an absurd one", "these rows are left out", MAX_BAD),
+        "check units and columns in the recipe's log block; where positions and currents stand in different rows, join"
+        " them by time (pandas.merge_asof does it)",
     ),
+    "repeated": RowFault("bad-samples", "the time and values of the row before", "these rows are left out"),
+    "tied": RowFault(
+        *("bad-samples", "the time of the row before and other values", "these rows are left out", 0.5),
+        "write the time with more digits",
+    ),
+    "velocity": RowFault("column-absent", "no velocity", "speeds are taken from position there"),
+    "current": RowFault(
+        "column-absent", "no current", "these samples show nothing of their joints, and are not fitted"
+    ),
+    "wrapped": RowFault("position-wraps", "a jump of position by a whole turn", "it is taken as continuous"),
 }
 
 
@@ -66,14 +87,12 @@ class LogReader:
     robot
         Its `log` names the columns, their units and signs.
     extra
-        Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`, unknown in a
-        file that lacks them.
+        Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`.
 
     Raises
     ------
     LogError
-        While iterating: [column-missing, column-doubled, no-current, no-header, not-a-log, damaged-log, unreadable-log,
-        not-a-number, ragged-row, bad-samples, time-not-rising, clock-too-coarse].
+        While iterating: [column-missing, not-a-log, file-not-readable, not-a-number, bad-samples, time-not-rising].
     """
 
     def __init__(self, paths: Iterable[LogPath], robot: Robot, *, extra: Sequence[str] = ()) -> None:
@@ -90,39 +109,19 @@ class LogReader:
             with local_copy(path) as file:
                 yield from self._samples(file, name)
 
-    def check_extra(self) -> None:
-        """Look for the extra columns in the files' headers, but not in standard input, which can be read once.
-
-        Raises
-        ------
-        LogError [column-missing]
-            No file has one of them; with the nearest names.
-        """
-        if not self.extra or STDIN in self._paths:
-            return
-        have: dict[str, None] = {}
-        for path in self._paths:
-            with local_copy(path) as file:
-                have |= dict.fromkeys(column.name for column in log_source(file, str(path)).schema())
-        missing = [column for column in self.extra if column not in have]
-        if missing:
-            hints = [
-                f"did you mean {near} for {name}?" for name in missing if (near := nearest(name, have, cutoff=ALIKE))
-            ]
-            what = f"no log has a column {listed(missing)}; there are {listed(list(have), 12)}"
-            mend = "; ".join(hints) or "name a column as the logs' header does"
-            raise LogError("column-missing", what, Where(str(self._paths[0]), row=1, column=missing[0]), mend)
-
     def _samples(self, file: Path, name: str) -> Iterator[Log]:
         before = file.stat()
         with file.open("rb") as stream:
+            source = log_format(stream.read(HEAD_BYTES), name)(file, name)
+            stream.seek(0)
             digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
-        source = log_source(file, name)
         columns = resolve(source.schema(), self._robot, name, extra=self.extra)
         follows = next((facts.last_time for facts in reversed(self.files) if facts.rows), None)
-        cleaner = Cleaner(self._robot, columns, name, n_extra=len(self.extra), follows=follows)
+        cleaner = Cleaner(self._robot, columns, name, follows=follows)
         for rows, values in source.batches(columns.names):
-            yield from cleaner.take(rows, values)
+            log = cleaner.take(rows, values)
+            if log is not None:
+                yield log
         notes = [*columns.notes, *cleaner.notes(), *source.notes]
         if not cleaner.n_rows:
             notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
@@ -130,91 +129,65 @@ class LogReader:
         # Else the digest is of another content.
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
             what, mend = f"{name} changed while it was read", "read it again when the recording has ended"
-            raise LogError("unreadable-log", what, Where(file=name), mend)
+            raise LogError("file-not-readable", what, Where(file=name), mend)
         times = (cleaner.interval, cleaner.first_time, cleaner.last_time)
         self.files = (*self.files, FileFacts(name, digest, cleaner.n_rows, *times))
         self.notes = (*self.notes, *notes)
 
 
-def log_source(file: Path, name: str) -> LogSource:
-    """A file on this machine as a log of the format that its first bytes show; `name` is for messages.
-
-    Raises
-    ------
-    LogError [not-a-log]
-        It is of no format that is read.
-    """
-    with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
-    return log_format(head, name)(file, name)
-
-
-@dataclass(slots=True)
-class RowCount:
-    """How many rows have a fault, and the first of them."""
-
-    count: int = 0
-    first: int = 0
-
-    def add(self, rows: Rows) -> None:
-        """Count (N,) rows."""
-        self.first = self.first or int(rows[0]) if len(rows) else self.first
-        self.count += len(rows)
-
-
 class Cleaner:
     """Turns the batches of one file into logs, and counts what is worth a note.
 
-    `columns` say what the numbers mean, `n_extra` how many columns the user asked for, whether this file has them or
-    not. A first time beyond `follows`, the last time of the file before (s), continues that clock. `n_rows` counts bad
-    rows, too; `first_time` and `last_time` (s) are of the samples so far.
+    `columns` say what the numbers mean. A first time beyond `follows`, the last time of the file before (s), continues
+    that clock. `n_rows` counts bad rows, too; `first_time` and `last_time` (s) are of the samples so far.
     """
 
-    def __init__(self, robot: Robot, columns: Columns, name: str, *, n_extra: int, follows: float | None) -> None:
-        self.robot, self.columns, self.name, self.n_extra, self.follows = robot, columns, name, n_extra, follows
-        self.n_rows, self._n_bad, self._n_repeated = 0, 0, 0
-        self.first_time = self.last_time = math.nan
-        self._begin_clock()
-        self._restarts: list[Note] = []
-        self._bad: dict[str, RowCount] = defaultdict(RowCount)
-        self._unknown: Counter[int] = Counter()
-        self._ties = RowCount()
-        self._wraps: dict[int, RowCount] = defaultdict(RowCount)
+    def __init__(self, robot: Robot, columns: Columns, name: str, *, follows: float | None) -> None:
+        self.robot, self.columns, self.name, self.follows = robot, columns, name, follows
+        self.n_rows, self.first_time, self.last_time = 0, math.nan, math.nan
+        self._last: Floats | None = None
+        self._turns = np.zeros(robot.n_joints)
+        self._faults: dict[str, dict[str, tuple[int, int]]] = {kind: {} for kind in _KINDS}
         self._steps = np.zeros(0)
         self._long = np.zeros((3, 0))
-
-    def _begin_clock(self) -> None:
-        self._last: Floats | None = None
-        self._clock_start, self._clock_rows = math.nan, 0
-        self._turns = np.zeros(self.robot.n_joints)
 
     @property
     def interval(self) -> float:
         """Median of the first times between samples, s."""
         return float(np.median(self._steps)) if len(self._steps) else math.nan
 
-    def take(self, rows: Rows, table: Floats) -> Iterator[Log]:
-        """Logs from the next batch: rows (N,), values (C, N) as the file holds them, which are changed in place.
+    def take(self, rows: Rows, table: Floats) -> Log | None:
+        """The samples of the next batch: rows (N,), values (C, N) as the file holds them, which are changed in place.
+
+        Of rows that share a time the first stays; None where no row does.
 
         Raises
         ------
         LogError [time-not-rising]
-            Time goes back and what follows is no new recording.
+            Time goes back.
         """
         table *= self.columns.factors[:, None]
-        rows, table = self._without_bad(rows, table)
-        starts_clock = False
-        while len(rows):
-            last = table[0, 0] if self._last is None else self._last[0]
-            back = np.flatnonzero(np.diff(table[0], prepend=last) < 0)
-            end = int(back[0]) if len(back) else len(rows)
-            log = self._log(rows[:end], table[:, :end], starts_clock=starts_clock)
-            if log is not None:
-                yield log
-            rows, table = rows[end:], table[:, end:]
-            if len(rows):
-                self._restart(rows, table[0])
-                starts_clock = True
+        rows, table = self._without_ties(*self._without_bad(rows, table))
+        if not len(rows):
+            return None
+        before, self._last = self._last, table[:, -1].copy()
+        self._count_steps(rows, table[0], before)
+        self._unwrap(rows, table, before)
+        starts_clock = before is None and self.follows is not None and not table[0, 0] > self.follows
+        self.first_time = float(table[0, 0]) if before is None else self.first_time
+        self.last_time = float(table[0, -1])
+        quantities = {quantity: self._by_place(quantity, table) for quantity in self.columns.places}
+        return Log(self.name, rows, table[0], starts_clock=starts_clock, **quantities)
+
+    def _mark(self, kind: str, rows: Rows, faulty: Mapping[str, Flags]) -> Flags:
+        """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
+        is_faulty = np.logical_or.reduce([np.zeros(len(rows), bool), *faulty.values()])
+        counts = self._faults[kind]
+        for name, flags in {_ANY: is_faulty, **faulty}.items():
+            if flags.any():
+                count, first = counts.get(name, (0, int(rows[flags.argmax()])))
+                counts[name] = (count + int(np.count_nonzero(flags)), first)
+        return is_faulty
 
     def _without_bad(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
         """Rows whose time, positions and measured velocities and currents are what an arm can have."""
@@ -223,8 +196,8 @@ class Cleaner:
         limits[0] = ABSURD_TIME
         if len(rows) and (table.min(axis=1) >= -limits[:, 0]).all() and (table.max(axis=1) <= limits[:, 0]).all():
             return rows, table
-        places = self.columns.places
-        is_number = ~np.isnan(table)
+        places, names = self.columns.places, self.columns.names
+        is_absent = np.isnan(table)
         good = np.abs(table) <= limits
         # Temperature and what was asked for besides are a help, not a need; a velocity only checks positions, and most
         # currents are of joints that do not move. Of these an absent one costs no row, but an absurd one marks garbage.
@@ -232,66 +205,33 @@ class Cleaner:
             at = places[quantity][:, 1]
             table[at] = np.where(np.isfinite(table[at]) & (good[at] | (quantity == "extra")), table[at], np.nan)
             good[at] = True
-        for index in (*places["velocity"][:, 1], *places["current"][:, 1]):
-            good[index] |= ~is_number[index]
-            self._unknown[int(index)] += int(np.count_nonzero(~is_number[index]))
-        is_good = good.all(axis=0)
-        self._n_bad += int(np.count_nonzero(~is_good))
-        for index in np.flatnonzero(~good.all(axis=1)):
-            self._bad[self.columns.names[index]].add(rows[~good[index]])
-        return rows[is_good], table[:, is_good]
-
-    def _restart(self, rows: Rows, time: Floats) -> None:
-        """Begin another recording at a row whose time steps back, if what follows looks like one.
-
-        Raises
-        ------
-        LogError [time-not-rising]
-            It does not.
-        """
-        assert self._last is not None
-        before, behind = float(self._last[0]), time[: _BEHIND + 1]
-        is_near_start = abs(behind[0] - self._clock_start) <= 0.1 * (before - self._clock_start)
-        rises = bool(np.all(np.diff(behind) >= 0)) and behind[-1] < before
-        if self._clock_rows < _FEWEST_BEFORE or not is_near_start or not rises:
-            column = self.columns.names[0]
-            what = f"time goes back from {before:.9g} s to {time[0]:.9g} s"
-            mend = f"sort the file by {column}, or split it there if two recordings were joined"
-            raise LogError("time-not-rising", what, Where(file=self.name, row=int(rows[0]), column=column), mend)
-        text = f"time starts anew at {time[0]:.6g} s after {before:.6g} s: taken for another recording"
-        self._restarts.append(Note("clock-restarts", text, Where(file=self.name, row=int(rows[0]))))
-        self._begin_clock()
-
-    def _log(self, rows: Rows, table: Floats, *, starts_clock: bool) -> Log | None:
-        """The samples of rows whose time rises; of rows that share a time the first stays."""
-        if len(rows):
-            rows, table = self._without_ties(rows, table)
-        if not len(rows):
-            return None
-        before, self._last = self._last, table[:, -1].copy()
-        self._count_steps(rows, table[0], before)
-        self._unwrap(rows, table, before)
-        if math.isnan(self.first_time):
-            self.first_time = float(table[0, 0])
-            starts_clock = self.follows is not None and not self.first_time > self.follows
-        if not self._clock_rows:
-            self._clock_start = float(table[0, 0])
-        self.last_time = float(table[0, -1])
-        self._clock_rows += len(rows)
-        quantities = {quantity: self._by_place(quantity, table) for quantity in self.columns.places}
-        return Log(self.name, rows, table[0], starts_clock=starts_clock, **quantities)
+        for quantity in ("velocity", "current"):
+            at = places[quantity][:, 1]
+            self._mark(quantity, rows, {names[k]: is_absent[k] for k in at})
+            good[at] |= is_absent[at]
+        is_bad = self._mark(
+            "bad", rows, {name: ~flags for name, flags in zip(names, good, strict=True) if not flags.all()}
+        )
+        return rows[~is_bad], table[:, ~is_bad]
 
     def _without_ties(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
-        last = table[:, :1] - 1.0 if self._last is None else self._last[:, None]
-        before = np.concatenate([last, table[:, :-1]], axis=1)
-        is_tied = table[0] == before[0]
-        if not is_tied.any():
+        if not len(rows):
             return rows, table
+        steps = np.diff(table[0], prepend=table[0, 0] - 1.0 if self._last is None else self._last[0])
+        if (steps > 0.0).all():
+            return rows, table
+        before = np.hstack([table[:, :1] if self._last is None else self._last[:, None], table[:, :-1]])
+        name = self.columns.names[0]
+        if (steps < 0.0).any():
+            back = int(np.argmax(steps < 0.0))
+            what = f"time goes back from {before[0, back]:.9g} s to {table[0, back]:.9g} s"
+            mend = f"sort the file by {name}, or split it there if two recordings were joined"
+            raise LogError("time-not-rising", what, Where(file=self.name, row=int(rows[back]), column=name), mend)
         measured = slice(len(table) - len(self.columns.places["extra"]))
         is_same = np.all((table[measured] == before[measured]) | np.isnan(table[measured]), axis=0)
-        self._ties.add(rows[is_tied])
-        self._n_repeated += int(np.count_nonzero(is_tied & is_same))
-        return rows[~is_tied], table[:, ~is_tied]
+        self._mark("repeated", rows, {name: (steps == 0.0) & is_same})
+        self._mark("tied", rows, {name: (steps == 0.0) & ~is_same})
+        return rows[steps > 0.0], table[:, steps > 0.0]
 
     def _count_steps(self, rows: Rows, time: Floats, before: Floats | None) -> None:
         """Take in the times between samples; those that may be gaps are held until the median stands."""
@@ -301,8 +241,6 @@ class Cleaner:
         is_long = steps > _GAP_SECONDS
         if is_long.any():
             self._long = np.hstack([self._long, [rows[is_long], time[is_long] - steps[is_long], steps[is_long]]])
-            if len(self._steps) == _PROBE:
-                self._long = self._long[:, self._long[2] > _GAP_INTERVALS * self.interval]
 
     def _unwrap(self, rows: Rows, table: Floats, before: Floats | None) -> None:
         """Take whole turns out of jumps that no motion explains, in place."""
@@ -319,8 +257,7 @@ class Cleaner:
             rest = np.abs(jump - turns * math.tau)
             explained = np.maximum(_WRAP_SHARE * math.tau, np.minimum(1.2 * fastest * seconds, math.pi / 2))
             is_wrap = (turns != 0) & (rest <= explained) & (np.abs(jump) > 2.0 * fastest * seconds)
-            if is_wrap.any():
-                self._wraps[int(joint)].add(rows[is_wrap])
+            self._mark("wrapped", rows, {f"joint {joint + 1}": is_wrap})
             total = self._turns[joint] - np.cumsum(np.where(is_wrap, turns, 0.0))
             table[column] += total * math.tau
             self._turns[joint] = total[-1]
@@ -330,11 +267,10 @@ class Cleaner:
 
         None where there is no velocity, no temperature, or nothing extra was asked for.
         """
-        width = self.n_extra if quantity == "extra" else self.robot.n_joints
         places = self.columns.places[quantity]
-        if not width or (not len(places) and quantity in ("velocity", "temperature")):
+        if not len(places) and quantity != "current":
             return None
-        values = np.full((width, table.shape[1]), np.nan)
+        values = np.full((len(places) if quantity == "extra" else self.robot.n_joints, table.shape[1]), np.nan)
         values[places[:, 0]] = table[places[:, 1]]
         return values.T
 
@@ -343,55 +279,24 @@ class Cleaner:
 
         Raises
         ------
-        LogError [no-current, bad-samples, clock-too-coarse]
-            There is no current at all, too many rows are bad, or time stands still.
+        LogError [bad-samples, column-missing]
+            Too many rows are bad or share their time, or there is no current at all.
         """
-        notes = [*self._restarts, *self._bad_rows()]
-        for quantity, (of_part, of_all) in _ABSENCE.items():
-            counts = {self.columns.names[at]: self._unknown[int(at)] for at in self.columns.places[quantity][:, 1]}
-            empty = [name for name, count in counts.items() if count == self.n_rows > 0]
-            partly = [f"{name} in {count}" for name, count in counts.items() if 0 < count < self.n_rows]
-            if quantity == "current" and empty == [*counts] != []:
-                what = f"the currents of {self.name} are empty ({listed(empty)})"
-                raise LogError("no-current", what, Where(file=self.name, column=empty[0]), "record the motor currents")
-            texts = [f"column {listed(empty)} is empty: {of_all}"] if empty else []
-            if partly:
-                texts.append(f"there is no {quantity} in some of {self.n_rows} rows ({listed(partly)}): {of_part}")
-            notes += [Note(f"{quantity}-absent", text, Where(file=self.name)) for text in texts]
-        if self._ties.count:
-            notes.append(self._tied_rows())
-        if self._wraps:
-            named = ", ".join(f"joint {joint + 1} ({self._wraps[joint].count} times)" for joint in sorted(self._wraps))
-            joint = min(self._wraps, key=lambda joint: self._wraps[joint].first)
-            where = Where(file=self.name, row=self._wraps[joint].first, joint=joint + 1)
-            text = f"position jumps by a whole turn and is taken as continuous: {named}"
-            notes.append(Note("position-wraps", text, where))
+        notes = []
+        for kind, (slug, what, meaning, limit, mend) in _KINDS.items():
+            counts = dict(self._faults[kind])
+            total, row = counts.pop(_ANY, (0, 0))
+            where = Where(file=self.name, row=row, column=max(counts, key=lambda name: counts[name], default=None))
+            columns = [f"{name} in {count} (first in row {first})" for name, (count, first) in counts.items()]
+            text = f"{total} of {self.n_rows} rows have {what}: {listed(columns, separator='; ')}"
+            if total > limit * self.n_rows:
+                raise LogError(slug, text, where, mend)
+            notes += [Note(slug, f"{text}; {meaning}", where)] if total else []
+        currents = [self.columns.names[k] for k in self.columns.places["current"][:, 1]]
+        if all(self._faults["current"].get(name, (0, 0))[0] == self.n_rows > 0 for name in currents):
+            what = f"the currents of {self.name} are empty ({listed(currents)})"
+            raise LogError("column-missing", what, Where(file=self.name), "record the motor currents")
         return notes + self._uneven_times()
-
-    def _bad_rows(self) -> list[Note]:
-        if not self._bad:
-            return []
-        counts = [f"{name} in {bad.count} (first in row {bad.first})" for name, bad in self._bad.items()]
-        text = f"{self._n_bad} of {self.n_rows} rows have no number or an absurd one: {listed(counts, separator='; ')}"
-        row = min(bad.first for bad in self._bad.values())
-        if self._n_bad <= MAX_BAD * self.n_rows:
-            return [Note("bad-samples", f"{text}; these rows are left out", Where(file=self.name, row=row))]
-        mend = (
-            "check units and columns in the recipe's log block; where positions and currents stand in different rows,"
-            " join them by time (pandas.merge_asof does it)"
-        )
-        column = max(self._bad, key=lambda name: self._bad[name].count)
-        raise LogError("bad-samples", text, Where(file=self.name, row=row, column=column), mend)
-
-    def _tied_rows(self) -> Note:
-        count, n_changed = self._ties.count, self._ties.count - self._n_repeated
-        where = Where(file=self.name, row=self._ties.first, column=self.columns.names[0])
-        text = f"{count} of {self.n_rows} rows have the time of the row before (first in row {self._ties.first})"
-        if n_changed > 0.5 * self.n_rows:
-            what = f"{text}, so the samples cannot be told apart in time"
-            raise LogError("clock-too-coarse", what, where, "write the time with more digits")
-        more = f"; {n_changed} of them hold other values: the clock is coarser than the sampling" if n_changed else ""
-        return Note("time-repeated", f"{text} and are left out{more}", where)
 
     def _uneven_times(self) -> list[Note]:
         """A note if times jitter, and one if there are gaps."""

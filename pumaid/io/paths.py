@@ -12,7 +12,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path, PurePath
 from typing import Any
 
-from pumaid.errors import LogError, Where, listed, nearest
+from pumaid.errors import LogError, Where, meant
 from pumaid.io.formats import HEAD_BYTES, endings, log_format
 
 #: Stands for standard input.
@@ -65,15 +65,15 @@ def expand(arguments: Iterable[str | Path]) -> list[LogPath]:
 
     Raises
     ------
-    LogError [no-such-log, no-logs, no-store, unreadable-log]
-        An argument leads nowhere; with the nearest name.
+    LogError [no-such-log, file-not-readable]
+        An argument leads nowhere, with the nearest name, or into a store or folder that refuses.
     """
     paths: dict[str, LogPath] = {}
     for argument in map(str, arguments):
         for path in [STDIN] if argument == str(STDIN) else _matching(argument):
             paths.setdefault(str(path) if is_remote(path) or path == STDIN else os.path.realpath(path), path)
     if not paths:
-        raise LogError("no-logs", "no log was named", mend="name files, folders or globs, or - for standard input")
+        raise LogError("no-such-log", "no log was named", mend="name files, folders or globs, or - for standard input")
     return list(paths.values())
 
 
@@ -84,27 +84,20 @@ def is_remote(argument: object) -> bool:
 
 def _matching(argument: str) -> list[LogPath]:
     """The file of this name, the logs below a folder, or what a glob matches: files, else the logs in its folders."""
-    store, place = _store(argument)
-    where = Where(file=argument)
-    try:
-        with _refusals():
-            is_named = store.isfile(place)
-            names = sorted([place] if is_named or store.isdir(place) else store.glob(place), key=_order)
-            is_hidden = [PurePath(name).name.startswith(".") and not is_named for name in names]
-            files = [name for name, hidden in zip(names, is_hidden, strict=True) if store.isfile(name) and not hidden]
-            for folder in [] if files else filter(store.isdir, names):
-                inside = {os.path.relpath(name, folder): name for name in store.find(folder)}
-                files += [inside[path] for path in sorted(filter(is_log, inside), key=_order)]
-            is_folder = not files and store.isdir(place)
-    except OSError as error:
-        what = f"{argument} cannot be listed: {error.strerror or error}"
-        slug = "no-store" if is_remote(argument) else "unreadable-log"
-        raise LogError(slug, what, where, "check the address and the access rights") from error
-    if is_folder:
-        raise LogError("no-logs", f"no log is below {argument}", where, f"logs end in {', '.join(endings())}")
-    if not files:
-        mend = "check the path" if is_remote(argument) else _nearest(Path(argument))
-        raise LogError("no-such-log", f"no file, folder or glob leads to a log: {argument}", where, mend)
+    with _refusals(argument):
+        store, place = _store(argument)
+        is_named = store.isfile(place)
+        names = sorted([place] if is_named or store.isdir(place) else store.glob(place), key=_order)
+        is_hidden = [PurePath(name).name.startswith(".") and not is_named for name in names]
+        files = [name for name, hidden in zip(names, is_hidden, strict=True) if store.isfile(name) and not hidden]
+        for folder in [] if files else filter(store.isdir, names):
+            inside = {os.path.relpath(name, folder): name for name in store.find(folder)}
+            files += [inside[path] for path in sorted(filter(is_log, inside), key=_order)]
+        if not files:
+            what = f"no file, folder or glob leads to a log: {argument}"
+            mend = f"logs end in {', '.join(endings())}; check the address"
+            mend += "" if is_remote(argument) else _nearest(Path(argument))
+            raise LogError("no-such-log", what, Where(file=argument), mend)
     if not is_remote(argument):
         return [Path(name) for name in files]
     scheme = argument.partition(SCHEME)[0]
@@ -127,16 +120,12 @@ def _order(path: str) -> list[list[tuple[int, int, str]]]:
 
 def _nearest(path: Path) -> str:
     """The nearest existing name in the nearest existing folder."""
-    folder = next(parent for parent in path.parents if parent.exists())
-    try:
-        names = sorted(item.name for item in folder.iterdir() if item.exists() and not item.name.startswith("."))
-    except OSError:
-        return "check the path"
-    near = nearest(path.relative_to(folder).parts[0], names, cutoff=0.5)
-    return f"did you mean {folder / near}?" if near else f"{folder} holds {listed(names) or 'nothing'}"
+    folder = next(parent for parent in (path, *path.parents) if parent.exists())
+    names = [item.name for item in folder.iterdir() if item.exists() and not item.name.startswith(".")]
+    return f": in {folder}, {meant((*path.relative_to(folder).parts, '')[0], sorted(names))}"
 
 
-def meant(pattern: str, names: Sequence[str]) -> list[str]:
+def chosen_logs(pattern: str, names: Sequence[str]) -> list[str]:
     """Of log files that were read (`names`, as of `expand`) those that a path, bare name, folder or glob means.
 
     Raises
@@ -153,8 +142,7 @@ def meant(pattern: str, names: Sequence[str]) -> list[str]:
         or fnmatch.fnmatch(Path(name).name, pattern)
     ]
     if not chosen:
-        near = nearest(Path(pattern).name, [Path(name).name for name in names])
-        mend = f"did you mean {near}?" if near else f"the logs that were read are {listed(names)}"
+        mend = meant(Path(pattern).name, [Path(name).name for name in names])
         raise LogError("heldout-nothing", f"no log that was read is {pattern}", Where(file=pattern), mend)
     return chosen
 
@@ -165,56 +153,49 @@ def local_copy(path: LogPath) -> Iterator[Path]:
 
     Raises
     ------
-    LogError [unreadable-log, not-a-log]
+    LogError [file-not-readable, not-a-log]
         It cannot be read, or it is of no format that is read.
     """
-    try:
+    name = str(path)
+    with _refusals(name, OSError):
         if isinstance(path, Path) and path != STDIN and path.is_file():
             yield path
             return
-        store, place = (None, "") if path == STDIN else _store(path)
-        with (
-            tempfile.NamedTemporaryFile(prefix="pumaid-") as copy,
-            _refusals(),
-            store.open(place, "rb") if store else nullcontext(sys.stdin.buffer) as stream,
-        ):
-            head = stream.read(HEAD_BYTES)
-            log_format(head, str(path))  # what is no log may never end
-            copy.write(head)
-            shutil.copyfileobj(stream, copy)
-            copy.flush()
+        store, place = _store(path)
+        with tempfile.NamedTemporaryFile(prefix="pumaid-") as copy:
+            with (
+                _refusals(name),
+                nullcontext(sys.stdin.buffer) if path == STDIN else store.open(place, "rb") as stream,
+            ):
+                head = stream.read(HEAD_BYTES)
+                log_format(head, name)  # what is no log may never end
+                copy.write(head)
+                shutil.copyfileobj(stream, copy)
+                copy.flush()
             yield Path(copy.name)
-    except OSError as error:
-        what = f"{path} cannot be read: {error.strerror or error}"
-        raise LogError("unreadable-log", what, Where(file=str(path)), "check its permissions and the disk") from error
 
 
 def _store(path: LogPath) -> tuple[Any, str]:
-    """The file system of a path or URL, and the place in it; LogError [no-store] where there is none."""
+    """The file system of a path or URL, and the place in it; LogError [file-not-readable] where there is none."""
     if not is_remote(path):
         return _Disk, str(path)
-    try:
+    with _refusals(str(path)):
         import fsspec
 
         if "::" in str(path):
             raise OSError("an address within another one is not read")
-        with _refusals():
-            store, place = fsspec.core.url_to_fs(str(path))
-            return store, str(place)
-    except ImportError as error:
-        what, mend = f"{path} is in a store, and fsspec is not installed", "pip install 'pumaid[dask]'"
-        raise LogError("no-store", what, Where(file=str(path)), mend) from error
-    except OSError as error:
-        mend = f"is {str(path).partition(SCHEME)[0]} the right scheme? Some need a package of their own"
-        raise LogError("no-store", f"{path}: {error}", Where(file=str(path)), mend) from error
+        store, place = fsspec.core.url_to_fs(str(path))
+        return store, str(place)
 
 
 @contextmanager
-def _refusals() -> Iterator[None]:
-    """Whatever a store's own library raises, as a refusal of the system."""
+def _refusals(name: str, kind: type[Exception] = Exception) -> Iterator[None]:
+    """Whatever the system or a store's own library raises, as a refusal [file-not-readable]."""
     try:
         yield
-    except (OSError, MemoryError, LogError):
+    except (LogError, MemoryError):
         raise
-    except Exception as error:
-        raise OSError(f"{error} ({type(error).__name__})" if str(error) else type(error).__name__) from error
+    except kind as error:
+        reason = getattr(error, "strerror", None) or f"{error} ({type(error).__name__})"
+        mend = "check path, scheme, permissions and disk; a store may need a package (pip install 'pumaid[dask]')"
+        raise LogError("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error

@@ -14,6 +14,7 @@ from pumaid import __version__
 from pumaid.errors import ModelError, Note
 from pumaid.io.forms import (
     Fault,
+    FileUnits,
     Finite,
     KeyPath,
     StrictForm,
@@ -23,20 +24,20 @@ from pumaid.io.forms import (
     validated,
     yaml_text,
 )
-from pumaid.io.write import write_file
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan, Posture
 from pumaid.units import factor, number
 
-PLAN_FORMAT = 1
 #: The plan's name in an experiment's folder.
 PLAN_NAME = "plan.yaml"
 #: Most bytes of a plan: some forty thousand runs.
 _MAX_BYTES = 5_000_000
 #: Significant digits of positions and speeds; whole degrees stay whole.
 _DIGITS = 10
-#: Share of its range by which a limit may be passed: round-off of ten digits.
-_ROUNDING = 1e-8
+#: Share of its range by which a limit may be passed: round-off.
+_ROUNDING = 1e-6
+#: What a plan promises and says of itself, which is not read back.
+_NOT_READ = ("expected_std_errors", "unseen", "efficiency", "assumptions", "notes", "pumaid", "recipe")
 
 
 class HoldForm(StrictForm):
@@ -64,30 +65,17 @@ class RunForm(HoldForm):
     purpose: Literal["fit", "heldout"] = "fit"
 
 
-class PlanUnits(StrictForm):
-    """The block `units`."""
-
-    angle: Literal["rad", "deg"] = "rad"
-
-
 class PlanForm(StrictForm):
-    """The whole file; only kind, format and runs are needed, and what the runs promise is not read back."""
+    """What is read of a file; only kind, format and runs are needed."""
 
     kind: Literal["plan"] = Field(examples=["plan"])
     format: Literal[1] = Field(examples=["1"])
     runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
     robot: str = ""
-    units: PlanUnits = PlanUnits()
+    units: FileUnits = FileUnits()
     postures: list[PostureForm] = Field([])
     duration: Finite = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
-    expected_std_errors: Any = None
-    unseen: Any = None
-    efficiency: Any = None
-    assumptions: Any = None
-    notes: Any = None
-    pumaid: Any = None
-    recipe: Any = None
 
 
 def _units(robot: Robot, angle: str) -> list[tuple[str, float]]:
@@ -101,33 +89,28 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
     runs, postures = [(("runs", index), entry) for index, entry in enumerate(form.runs)], enumerate(form.postures)
     entries: list[tuple[KeyPath, HoldForm]] = [*runs, *((("postures", index), entry) for index, entry in postures)]
     for path, entry in entries:
-        if not 1 <= entry.joint <= robot.n_joints:
-            mend = f"joints count from 1 to {robot.n_joints}"
-            yield Fault((*path, "joint"), "plan-wrong", f"there is no joint {entry.joint}", mend)
+        if not 1 <= entry.joint <= robot.n_joints or len(entry.hold) != robot.n_joints:
+            what = f"joint {entry.joint} and {len(entry.hold)} held positions; {robot.name} has {robot.n_joints} joints"
+            yield Fault(path, what, f"joints count from 1 to {robot.n_joints}; is the plan for another robot?")
             continue
-        if len(entry.hold) != robot.n_joints:
-            what = f"{len(entry.hold)} held positions, {robot.name} has {robot.n_joints} joints"
-            yield Fault((*path, "hold"), "plan-wrong", what, "is the plan for another robot?")
-            continue
-        moving, (unit, scale) = robot.joint(entry.joint), units[entry.joint - 1]
+        moving = robot.joint(entry.joint)
         places = [("hold", joint, value) for joint, value in zip(robot.joints, entry.hold, strict=True)]
         places = [place for place in places if place[1] != moving]
         if isinstance(entry, RunForm):
-            places += [("from", moving, entry.start), ("to", moving, entry.end)]
+            places += [("from", moving, entry.start), ("to", moving, entry.end), ("velocity", moving, entry.velocity)]
             if entry.start == entry.end:
                 what = f"the run goes from {entry.start:g} to the same place"
-                yield Fault((*path, "to"), "plan-wrong", what, "give the span another end")
-            if entry.velocity * scale > (1.0 + 1e-6) * (moving.max_velocity or math.inf):
-                highest = number((moving.max_velocity or math.inf) / scale)
-                what = f"joint {moving.number} may do {highest} {unit}/s, the run wants {entry.velocity:g}"
-                yield Fault((*path, "velocity"), "plan-wrong", what, "lower the velocity")
+                yield Fault((*path, "to"), what, "give the span another end")
         for key, joint, value in places:
             unit, scale = units[joint.number - 1]
-            low, high = (limit / scale for limit in joint.limits or (-math.inf, math.inf))
-            slack = _ROUNDING * (high - low) if joint.limits else 0.0
+            speeds = None if joint.max_velocity is None else (0.0, joint.max_velocity)
+            limits = speeds if key == "velocity" else joint.limits
+            low, high = (limit / scale for limit in limits or (-math.inf, math.inf))
+            slack = _ROUNDING * (high - low) if limits else 0.0
             if not low - slack <= value <= high + slack:
-                what = f"{value:g} {unit} is outside joint {joint.number}'s limits {number(low)}..{number(high)} {unit}"
-                yield Fault((*path, key), "plan-wrong", what, "stay inside the limits, or correct them in the recipe")
+                what = f"{key} of {value:g} is not within joint {joint.number}'s {number(low)}..{number(high)} {unit}"
+                what += "/s" * (key == "velocity")
+                yield Fault((*path, key), what, "stay inside the limits, or correct them in the recipe")
 
 
 def find_plan(folders: Iterable[Path]) -> Path | None:
@@ -144,14 +127,14 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     ModelError [plan-wrong], or Faults of several
         Unknown keys, missing or impossible values, positions outside the robot's limits, speeds above its highest; each
         with line and path (``runs[12].velocity``).
-    ModelError [yaml-refused], [file-not-readable]
+    ModelError [file-not-readable]
         It cannot be read at all.
     """
-    path, name = Path(path), file_name(path)
-    content = read_bytes(path, kind=ModelError, most=_MAX_BYTES)
-    document = parsed_yaml(content, name, kind=ModelError)
-    check = partial(_faults, robot=robot)
-    form = validated(PlanForm, document, name, kind=ModelError, slug="plan-wrong", between=check)
+    content = read_bytes(Path(path), kind=ModelError, most=_MAX_BYTES)
+    document = parsed_yaml(content, file_name(path), kind=ModelError)
+    for key in _NOT_READ:
+        document.data.pop(key, None)
+    form = validated(PlanForm, document, "plan-wrong", between=partial(_faults, robot=robot))
     scales = [scale for _, scale in _units(robot, form.units.angle)]
 
     def held(entry: HoldForm) -> tuple[float, ...]:
@@ -170,11 +153,6 @@ def read_plan(path: Path, robot: Robot) -> Plan:
         seed=form.seed,
         notes=() if form.robot in ("", robot.name) else (Note("plan-other-robot", text),),
     )
-
-
-def write_plan(path: Path, plan: Plan, robot: Robot, *, format: str = "yaml") -> None:
-    """Write a plan atomically; arguments as for `plan_text`, errors as of `write_file`."""
-    write_file(path, plan_text(plan, robot, format=format))
 
 
 def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
@@ -237,7 +215,7 @@ def _entries(plan: Plan, robot: Robot, angle: str) -> dict[str, Any]:
     postures = [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures]
     return {
         "kind": "plan",
-        "format": PLAN_FORMAT,
+        "format": 1,
         "robot": plan.robot,
         "units": {"angle": angle},
         "seed": plan.seed,

@@ -1,22 +1,396 @@
-"""Recipes: YAML files that state an arm; found, checked as a whole, turned into SI; texts to start from."""
+"""Recipes: YAML files that state an arm; what they may hold, in SI; where they are found; texts to start from."""
+
+from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
-from pumaid.errors import RecipeError, Where, nearest
-from pumaid.io.forms import MAX_BYTES, file_name, parsed_yaml, read_bytes, validated
-from pumaid.io.recipe_schema import ArmForm, JointForm, LogForm, RecipeForm, SafetyForm, coupled, faults_between
+from pumaid.errors import RecipeError, Where, meant
+from pumaid.io.forms import (
+    MAX_BYTES,
+    Fault,
+    FileUnits,
+    Finite,
+    StrictForm,
+    file_name,
+    parsed_yaml,
+    read_bytes,
+    refusal,
+    validated,
+)
 from pumaid.kinematics import placement, turn_of_z
 from pumaid.maths import Floats
 from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
+from pumaid.units import UNITS, factor
 
 #: The recipe's name in an experiment's folder.
 RECIPE_NAME = "recipe.yaml"
+#: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
+LONGEST_LINK, LONGEST_RAIL, FASTEST_RAIL = 20.0, 100.0, 20.0
+#: Gravity, m/s2: 1.6 on the Moon, 25 on Jupiter.
+LEAST_GRAVITY, MOST_GRAVITY = 1.5, 30.0
+#: Limits (rad) beyond this are in degrees where the file does not state its unit; and beyond this in any case wrong.
+WIDEST_UNSTATED, WIDEST = 4.0 * math.pi, 200.0 * math.pi
+#: Slowest and fastest highest speed of a revolute joint, rad/s.
+SLOWEST, FASTEST = 1e-4, 1e3
+#: Quarter turns (rad) in a file of degrees are radians, to this rounding.
+QUARTERS, ROUNDING = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3)), 5e-4
+#: Smallest and largest size (SI) of a joint's number, by its key and whether it is of a slide; and what to do.
+SIZES = {
+    ("limits", False): (0.0, WIDEST, "leave limits out for a joint that turns without end"),
+    ("limits", True): (0.0, LONGEST_RAIL, "prismatic joints are in m; divide by 1000"),
+    ("max_velocity", False): (SLOWEST, FASTEST, "write a number above 0, or leave the key out"),
+    ("max_velocity", True): (1e-9, FASTEST_RAIL, "prismatic joints are in m/s; divide by 1000"),
+}
+
+_PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*([1-9]\d*(?:\.\d*)?))?\s*")
+_TEMPLATE = re.compile(r"(?:[^{}]|\{\{|\}\}|\{joint0?(?::(?:0?\d)?d?)?\}|\{name\})*")
+_METRES = "it in metres: divide millimetres by 1000"
+_COLUMN = (
+    "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}; of the time one"
+    " column, such as t"
+)
+_ANGLES = "write angles in one unit and state it at the top: units: {angle: deg}, or units: {angle: rad}"
+_GEARS = "write r54 where joint 5's motor is turned by joint 4's, and r12_9 where a joint is above 9"
+#: Units of a log's quantities: dimensions of joints that turn, and of those that slide.
+_DIMENSIONS = {
+    "time": ("time", "time"),
+    "position": ("angle", "length"),
+    "velocity": ("angular velocity", "linear velocity"),
+    "current": ("current", "current"),
+    "temperature": ("temperature", "temperature"),
+}
+
+
+@dataclass(frozen=True)
+class ArmForm:
+    """What a value is checked against: the joints' names and types, the unit of angles and whether it is stated."""
+
+    names: tuple[str, ...]
+    kinds: frozenset[str]
+    unit: str
+    is_stated: bool
+
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> ArmForm:
+        """From a recipe's plain data, whatever it holds."""
+        entries, units = data.get("joints"), data.get("units")
+        joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
+        names = [joint.get("name") for joint in joints]
+        angle = units.get("angle") if isinstance(units, dict) else None
+        return cls(
+            tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1)),
+            frozenset(str(joint.get("type")) for joint in joints),
+            "deg" if angle == "deg" else "rad",
+            angle is not None,
+        )
+
+
+def _arm(info: ValidationInfo) -> ArmForm:
+    return cast(ArmForm, info.context)
+
+
+def _check(is_good: Callable[[Any], bool], what: str, mend: str) -> AfterValidator:
+    """Refuses a value; ``{}`` in `what` stands for it."""
+
+    def check(value: Any) -> Any:
+        if not is_good(value):
+            raise refusal(what.replace("{}", f"{value:g}" if isinstance(value, float) else str(value)[:60]), mend)
+        return value
+
+    return AfterValidator(check)
+
+
+def _is_rail(info: ValidationInfo) -> bool:
+    """Whether a value is a position or speed of a joint that slides."""
+    return info.data.get("type") == "prismatic" and (info.field_name, True) in SIZES
+
+
+def _pi(value: Any, info: ValidationInfo) -> Any:
+    """``-pi/2`` and the like as a number, in a file of radians."""
+    match = _PI.fullmatch(value) if isinstance(value, str) else None
+    if match is None or _is_rail(info):
+        return value
+    if _arm(info).unit == "deg":
+        raise refusal(f"{value} is in rad, and this file's angles are in deg", _ANGLES)
+    sign, times, over = match.groups()
+    return float(f"{sign}1") * float(times or 1.0) * math.pi / float(over or 1.0)
+
+
+def _in_si(value: float, info: ValidationInfo) -> float:
+    """rad, m, rad/s or m/s; angles in another unit than the file's, and limits and speeds of no joint, are refused."""
+    key, arm, size, is_rail = str(info.field_name), _arm(info), abs(value), _is_rail(info)
+    unit, scale = ("m", 1.0) if is_rail else (arm.unit, factor(arm.unit))
+    shown = f"{key} of {value:g} {unit}" + "/s" * (key == "max_velocity")
+    is_quarter = unit == "deg" and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS)
+    if (is_quarter and key != "max_velocity") or (unit == "rad" and not arm.is_stated and size > WIDEST_UNSTATED):
+        raise refusal(f"{shown} looks like {'rad' if is_quarter else 'degrees'}", _ANGLES)
+    low, high, mend = SIZES.get((key, is_rail), (0.0, 2.0 * math.pi + ROUNDING, "write it within a turn"))
+    if not low <= size * scale <= high:
+        raise refusal(f"{shown} is not between {low / scale:g} and {high / scale:g}", mend)
+    return value * scale
+
+
+def is_joint_name(name: str) -> bool:
+    """Whether a joint can have this name: a printable word that EFFECT@JOINT does not read as something else."""
+    is_word = name.strip() != "" and name.isprintable() and len(name) <= 200
+    return is_word and name.lower() != "all" and not re.search("[@,]", name) and not re.fullmatch(r"[\d.+-]+", name)
+
+
+def _template(template: str, info: ValidationInfo) -> str:
+    """A column template: {joint}, {joint0} or {name} stands in it, but for the time."""
+    is_time, has_joint = info.field_name == "time", re.search(r"\{(joint|name)", template) is not None
+    is_one = not has_joint and len(_arm(info).names) > 1
+    if not _TEMPLATE.fullmatch(template) or (has_joint if is_time else is_one):
+        raise refusal(f"the column template {template!r} cannot be used", _COLUMN)
+    return template
+
+
+def _signs(signs: tuple[float, ...], info: ValidationInfo) -> tuple[int, ...]:
+    if len(signs) != len(_arm(info).names) or not set(signs) <= {1.0, -1.0}:
+        what = f"{len(signs)} values for {len(_arm(info).names)} joints, which must be signs"
+        raise refusal(what, "write 1 or -1 for each joint, base to tip")
+    return tuple(map(round, signs))
+
+
+def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
+    """The number of the joint at which an effect acts; None for all."""
+    names = _arm(info).names
+    number = names.index(joint) + 1 if joint in names else joint
+    if joint == "all":
+        return None
+    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= len(names):
+        mend = f"joints count from 1 to {len(names)}; {meant(joint, [*names, 'all'])}"
+        raise refusal(f"there is no joint {str(joint)[:60]}", mend)
+    return number
+
+
+def _link(link: int, info: ValidationInfo) -> int:
+    n_joints = len(_arm(info).names)
+    if not 0 <= link <= n_joints:
+        raise refusal(f"there is no link {link}", f"links count from 0 (the base) to {n_joints}")
+    return link
+
+
+def coupled(key: str) -> tuple[int, int] | None:
+    """Joints (driven, driving), from 1, that a key of `coupling` names: (5, 4) for r54, (12, 9) for r12_9."""
+    match = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d)_([1-9]\d?)", key)
+    return None if match is None else (int(match[1] or match[3]), int(match[2] or match[4]))
+
+
+def _coupling(key: str, info: ValidationInfo) -> str:
+    pair, n_joints = coupled(key), len(_arm(info).names)
+    if pair is None or not n_joints >= pair[0] > pair[1]:
+        what = f"{key[:60]} does not name two of the {n_joints} joints, the driven one and one nearer to the base"
+        raise refusal(what, _GEARS)
+    return key
+
+
+def _unit(word: str, info: ValidationInfo) -> str:
+    """A unit word of a quantity."""
+    key = str(info.field_name)
+    turning, sliding = _DIMENSIONS[key.removeprefix("prismatic_")]
+    slides = key.startswith("prismatic_") or _arm(info).kinds == {"prismatic"}
+    fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
+    if word not in fitting:
+        mend = f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity"
+        raise refusal(f"{word[:40]!r} is no unit of {key} here", mend)
+    return word
+
+
+def _like(*examples: str, default: Any = ..., **more: Any) -> Any:
+    """A field with what its value looks like."""
+    return Field(default, examples=list(examples), **more)
+
+
+#: Tuples are lists in a file.
+AS_LIST = Field(strict=False)
+Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_in_si)]
+Length = Annotated[Finite, Field(ge=-LONGEST_LINK, le=LONGEST_LINK)]
+GearRatio = Annotated[
+    Finite, _check(lambda ratio: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn")
+]
+Words = Annotated[str, Field(strict=True, max_length=200, pattern=r"\S")]
+Template = Annotated[Words, AfterValidator(_template)]
+Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
+Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
+Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
+Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
+Unit = Annotated[str, AfterValidator(_unit)]
+JointName = Annotated[str, _check(is_joint_name, "'{}' cannot name a joint", "use a word, such as shoulder")]
+Direction = Annotated[Vector, _check(any, "the axis {} has no direction", "write it as [0, 0, 1]")]
+Gravity = Annotated[
+    Vector,
+    _check(
+        lambda vector: LEAST_GRAVITY <= math.hypot(*vector) <= MOST_GRAVITY,
+        "{} is no planet's gravity in m/s2",
+        "upright it is [0, 0, -9.80665]",
+    ),
+]
+Limits = Annotated[
+    tuple[Angle, Angle],
+    _check(lambda pair: pair[0] < pair[1], "the limits are not [lowest, highest]", "write the lower one first"),
+]
+
+
+class PlacementForm(StrictForm):
+    """The block `placement` of a joint: `origin` and `axis` of a URDF."""
+
+    xyz: Triple = _like("[x, y, z]   (m, not mm, in the frame before)")
+    rpy: Annotated[tuple[Angle, Angle, Angle], AS_LIST] = _like("[roll, pitch, yaw]", default=(0, 0, 0))
+    axis: Direction = _like("[0, 0, 1]", default=(0, 0, 1))
+
+
+class JointForm(StrictForm):
+    """One entry of `joints`."""
+
+    type: Literal["revolute", "prismatic"] = _like("revolute   (or prismatic)")
+    placement: PlacementForm | None = _like("{xyz: [0, 0, 0.1], rpy: [0, 0, 0], axis: [0, 0, 1]}", default=None)
+    alpha: Angle | None = None
+    a: Length | None = _like(_METRES, default=None)
+    d: Length | None = _like(_METRES, default=None)
+    theta: Angle | None = None
+    name: JointName | None = None
+    limits: Limits | None = _like("[lowest, highest]", default=None, strict=False)
+    max_velocity: Angle | None = None
+    gear_ratio: GearRatio | None = None
+
+    @model_validator(mode="after")
+    def _is_placed_once(self) -> JointForm:
+        """All of a Denavit-Hartenberg row but the offset of its motion, or a placement."""
+        constants = ("alpha", "a", "d", "theta")
+        stated = {key for key in constants if getattr(self, key) is not None}
+        needed = {*constants} - {"theta" if self.type == "revolute" else "d"}
+        if stated if self.placement is not None else needed - stated:
+            mend = " and ".join(f"{key}: 0" for key in constants if key in needed - stated)
+            mend = (
+                f"add {mend} if it is zero, or place the joint with placement alone: {{xyz: ..., rpy: ..., axis: ...}}"
+            )
+            raise refusal(f"a joint needs {', '.join(sorted(needed))}, or a placement and none of these", mend)
+        return self
+
+
+class LogUnits(StrictForm):
+    """The block `log.units`."""
+
+    time: Unit = "s"
+    position: Unit | None = None
+    velocity: Unit | None = None
+    prismatic_position: Unit | None = None
+    prismatic_velocity: Unit | None = None
+    current: Unit = "A"
+    temperature: Unit = "degC"
+
+
+class LogSigns(StrictForm):
+    """The block `log.signs`."""
+
+    position: Signs | None = None
+    current: Signs | None = None
+
+
+class LogForm(StrictForm):
+    """The block `log`."""
+
+    time: Template = "t"
+    position: Template = "q{joint}"
+    velocity: Template | None = "qd{joint}"
+    current: Template = "i{joint}"
+    temperature: Template | None = "temp{joint}"
+    units: LogUnits = LogUnits()
+    signs: LogSigns = _like("{position: [1, -1, ...]}", default=LogSigns())
+
+
+class EffectForm(StrictForm):
+    """One entry of `effects`."""
+
+    effect: Words = _like("NAME in {effect: NAME, joint: 3}; pumaid effects lists the names")
+    joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
+    shape: dict[str, Finite] = _like("{velocity: 0.1}", default={})
+
+
+class BoxForm(StrictForm):
+    """One entry of `safety.boxes`."""
+
+    name: Words | None = None
+    min: Triple = _like("[x, y, z]   (the lowest corner, m, not mm, in base axes)")
+    max: Triple = _like("[x, y, z]   (the highest corner, m, not mm, in base axes)")
+
+
+Inside = _check(
+    lambda box: all(low < high for low, high in zip(box.min, box.max, strict=True)),
+    "the box has no inside: {}",
+    "write the lower corner as min and the upper as max",
+)
+
+
+class SphereForm(StrictForm):
+    """One entry of `safety.spheres`."""
+
+    link: Link = _like("the link that carries the sphere; 0 is the base")
+    centre: Triple = _like("[x, y, z]   (m, not mm, in the link's frame)")
+    radius: Annotated[Finite, Field(gt=0, le=LONGEST_LINK)] = _like(_METRES)
+
+
+class SafetyForm(StrictForm):
+    """The block `safety`."""
+
+    tool: Triple | None = _like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
+    boxes: list[Annotated[BoxForm, Inside]] = _like(
+        "[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100
+    )
+    spheres: list[SphereForm] = _like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
+    margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
+    ignore: list[Annotated[tuple[Link, Link], AS_LIST]] = _like("[[4, 6]], pairs of links", default=[])
+
+
+class RecipeForm(StrictForm):
+    """The whole file."""
+
+    name: Words = _like("a name, such as my arm")
+    gravity: Gravity = _like("[0, 0, -9.80665]   (m/s2 in base axes; this is upright)")
+    joints: list[JointForm] = _like(
+        "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip", min_length=1, max_length=50
+    )
+    units: FileUnits = _like("{angle: deg}", default=FileUnits())
+    log: LogForm = _like("its keys below it, indented", default=LogForm())
+    effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
+    safety: SafetyForm = _like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
+    coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = Field({})
+    source: Any = ""
+    notes: Any = ""
+    licence: Any = ""
+
+
+def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
+    """Faults that show only when two values are seen together; `names` are the joints'."""
+    lower, pairs = [name.lower() for name in names], [coupled(key) for key in form.coupling]
+    for index, name in enumerate(lower):
+        if name in lower[:index]:
+            what = f"joints {lower.index(name) + 1} and {index + 1} have the same name"
+            yield Fault(("joints", index), what, "give each its own name")
+    for number in sorted({number for pair in pairs if pair for number in pair}):
+        if form.joints[number - 1].gear_ratio is None:
+            what = f"joint {number} takes part in coupling, and has no gear ratio"
+            path = ("joints", number - 1, "gear_ratio")
+            yield Fault(path, what, "add gear_ratio: motor turns per joint turn")
+    log, taken = form.log, {form.log.time}
+    for key in ("position", "velocity", "current", "temperature"):
+        template = getattr(log, key) or ""
+        columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}
+        if columns & taken:
+            what = f"{key} takes column {min(columns & taken)}, which another quantity has already"
+            yield Fault(("log", key), what, "give each quantity its own columns")
+        taken |= columns
 
 
 def read_recipe(path: Path) -> Robot:
@@ -35,13 +409,12 @@ def read_recipe(path: Path) -> Robot:
 def parsed_recipe(content: bytes, name: str) -> Robot:
     """The robot of a recipe with this content; `name` is that of the file, for messages."""
     document = parsed_yaml(content, name)
-    data, where = document.data, Where(file=name, line=document.line_of(()))
-    if isinstance(data.get("kind"), str):
-        what = f"this is a {data['kind']} file, not a recipe"
-        raise RecipeError("recipe-bad-value", what, where, "give the robot's recipe")
-    arm = ArmForm.of(data)
+    if isinstance(document.data.get("kind"), str):
+        what = f"this is a {document.data['kind']} file, not a recipe"
+        raise RecipeError("recipe-wrong", what, Where(file=name), "give the robot's recipe")
+    arm = ArmForm.of(document.data)
     between = partial(faults_between, names=arm.names)
-    form = validated(RecipeForm, document, name, kind=RecipeError, context=arm, between=between)
+    form = validated(RecipeForm, document, "recipe-wrong", context=arm, between=between, once=_ANGLES)
     joints, turns = _joints(form.joints, arm.names)
     return Robot(
         form.name,
@@ -135,10 +508,10 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
             raise RecipeError("recipe-not-found", what, Where(), mend)
         if recipes:
             return recipes[0]
-    named = [path for place in searched for path in sorted(place.parent.glob("*recipe*.y*ml"))]
-    hint = f"name it with --recipe {named[0]}" if named else "write one with: pumaid init puma560 -o recipe.yaml"
     what = f"no {RECIPE_NAME} found; searched {', '.join(map(str, searched))}"
-    raise RecipeError("recipe-not-found", what, Where(), f"{hint}, or name one with --recipe FILE")
+    named = [str(path) for place in searched for path in sorted(place.parent.glob("*recipe*.y*ml"))]
+    mend = f"name one with --recipe {(*named, 'FILE')[0]}, or write one with: pumaid init puma560 -o recipe.yaml"
+    raise RecipeError("recipe-not-found", what, Where(), mend)
 
 
 def _given(given: Path) -> Path:
@@ -149,27 +522,22 @@ def _given(given: Path) -> Path:
         return given
     if str(given) in shipped:
         return shipped[str(given)]
-    near = nearest(given.name.removesuffix(".yaml"), shipped) if given.parent == Path() else None
-    mend = f"did you mean the shipped recipe {near}?" if near else "pumaid init --list names shipped recipes"
+    mend = f"{meant(given.stem, list(shipped))} (pumaid init --list)"
     raise RecipeError("recipe-not-found", f"no recipe is at {given}", Where(file=str(given)), mend)
 
 
 def _folder_of(log: Path) -> Path:
     """The folder that a file, a folder or a glob stands for."""
-    place = log
-    while any(letter in str(place) for letter in "*?["):
-        place = place.parent
+    place = next(path for path in (log, *log.parents) if not re.search(r"[*?\[]", str(path)))
     return place if place != log or log.is_dir() else log.parent
 
 
 def shipped_recipes() -> dict[str, Path]:
     """The recipes that come with pumaid, by name: the installed package's, or the checkout's."""
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package / "recipes", package.parent / "recipes"):
-        recipes = sorted(folder.glob("*.yaml"))
-        if recipes:
-            return {path.stem: path for path in recipes}
-    return {}
+    folder = Path(__file__).resolve().parents[1] / "recipes"
+    if not folder.is_dir():
+        folder = folder.parents[1] / "recipes"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def started_from(name: str) -> str:

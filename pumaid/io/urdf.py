@@ -13,8 +13,7 @@ import numpy as np
 
 from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_text
-from pumaid.io.recipe import parsed_recipe, recipe_text
-from pumaid.io.recipe_schema import FASTEST, FASTEST_RAIL, LONGEST_RAIL, SLOWEST, WIDEST, is_joint_name
+from pumaid.io.recipe import SIZES, is_joint_name, parsed_recipe, recipe_text
 from pumaid.kinematics import placement, roll_pitch_yaw
 from pumaid.maths import Floats
 from pumaid.robot import Robot
@@ -167,12 +166,12 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
         gravity=_vector(gravity),
         joints=lines,
     )
-    for joints, slug, about in (
-        (left_out, "urdf-left-out", "left out: {}; hold still those that the arm carries, they weigh on it"),
-        ([joint for joint in before if joint.moves], "urdf-base-moves", "gravity is given for {} before the base at 0"),
+    for joints, about in (
+        (left_out, "left out: {}; hold still those that the arm carries, they weigh on it"),
+        ([joint for joint in before if joint.moves], "gravity is given for {} before the base at 0"),
     ):
         names = f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({listed([joint.name for joint in joints])})"
-        notes += [Note(slug, about.format(names))] if joints else []
+        notes += [Note("urdf-left-out", about.format(names))] if joints else []
     robot = parsed_recipe(text.encode(), file_name(path))
     return UrdfRecipe(text, robot, urdf, base, tip, arm, left_out, notes)
 
@@ -217,20 +216,15 @@ def _read(path: Path) -> UrdfFile:
         links += [joint.child for joint in carried.get(link, []) if carrier[joint.child] is joint]
     stated = set(named["link"])
     for joint in joints:
+        lost = [link for link in (joint.parent, joint.child) if link not in stated]
         for is_wrong, what, mend in (
             (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
+            (lost, f"is of a link '{''.join(lost[:1])[:40]}', which is not there", meant("".join(lost[:1]), links)),
             (
-                joint.parent not in stated,
-                f"has no link '{joint.parent[:40]}' as parent",
-                meant(joint.parent, links),
+                carrier[joint.child] is not joint or joint.child not in links,
+                f"closes a loop at link {joint.child}",
+                "the links of a URDF are a tree: take it away",
             ),
-            (joint.child not in stated, f"has no link '{joint.child[:40]}' as child", meant(joint.child, links)),
-            (
-                carrier[joint.child] is not joint,
-                f"carries link {joint.child}, as another one does",
-                "a URDF has no loops",
-            ),
-            (joint.child not in links, f"closes a circle of links at {joint.child}", "hang one of them on the base"),
         ):
             if is_wrong:
                 raise joint.refusal(f"joint {joint.name} {what}", mend)
@@ -288,12 +282,12 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
 def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> None:
     """Refuse joints that no recipe can state."""
     for joint in path:
-        if joint.kind in ("floating", "planar"):
-            what = f"joint {joint.name} is {joint.kind}; a recipe's joints turn or slide"
-            raise urdf.unclear(what, f"start behind it: --base {shlex.quote(joint.child)}")
-        if joint.follows:
-            what = f"joint {joint.name} follows joint {joint.follows} (mimic); a recipe's joints move by themselves"
-            raise urdf.unclear(what, f"end before it: --tip {shlex.quote(joint.parent)}")
+        if joint.kind in ("floating", "planar") or joint.follows:
+            kind = f"follows joint {joint.follows} (mimic)" if joint.follows else f"is {joint.kind}"
+            mend = (
+                f"end before it: --tip {shlex.quote(joint.parent)}, or start behind: --base {shlex.quote(joint.child)}"
+            )
+            raise urdf.unclear(f"joint {joint.name} {kind}; a recipe's joints turn or slide by themselves", mend)
     count = sum(joint.moves for joint in path)
     if not 0 < count <= MAX_JOINTS:
         what = f"{count or 'no'} joints move between {base} and the tip; a recipe holds 1 to {MAX_JOINTS}"
@@ -302,44 +296,34 @@ def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> No
 
 def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
     """The joints' lines of the recipe, and notes on names, limits and speeds that are missing or unusable."""
-    lines, notes, frame = [], [], np.eye(4)
-    names: list[str] = []
-    without: dict[str, list[str]] = {"limits": [], "highest speed": []}
+    lines, names, lacking = [], list[str](), list[str]()
+    frame = np.eye(4)
     for joint in path:
         frame = frame @ joint.frame()
         if not joint.moves:
             continue
-        name = joint.name if is_joint_name(joint.name) else f"joint{len(names) + 1}"
-        while name.lower() in map(str.lower, names):
-            name += "_"
-        names.append(name)
-        if name != joint.name:
-            text = f"no recipe can name a joint {joint.name!r}; it is called {name}"
-            notes.append(Note("urdf-incomplete", text, Where(joint=len(names))))
+        is_rail = joint.kind == "prismatic"
+        is_name = is_joint_name(joint.name) and joint.name.lower() not in names
+        name = joint.name if is_name else f"axis{len(names) + 1}"
+        names.append(name.lower())
         axis = joint.numbers("axis", "xyz", "1 0 0")
         if not 1e-9 < math.hypot(*axis) < math.inf:
             raise joint.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
         rpy, unit = _vector(roll_pitch_yaw(frame[:3, :3])), _vector(np.array(axis) / math.hypot(*axis))
-        low, high, speed = (joint.numbers("limit", key, "inf", count=1)[0] for key in ("lower", "upper", "velocity"))
-        turn, rail = ("revolute", WIDEST, SLOWEST, FASTEST), ("prismatic", LONGEST_RAIL, 1e-9, FASTEST_RAIL)
-        kind, farthest, slowest, fastest = rail if joint.kind == "prismatic" else turn
-        line = f"name: {yaml_text(name)}, type: {kind}, "
+        line = f"name: {yaml_text(name)}, type: {'prismatic' if is_rail else 'revolute'}, "
         line += f"placement: {{xyz: {_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
-        if joint.kind != "continuous" and -farthest <= low < high <= farthest:
-            line += f", limits: {_vector((low, high))}"
-        elif joint.kind != "continuous":
-            without["limits"].append(name)
-        if slowest <= speed <= fastest:
-            line += f", max_velocity: {_decimal(speed)}"
-        else:
-            without["highest speed"].append(name)
+        low, high, speed = (joint.numbers("limit", key, "inf", count=1)[0] for key in ("lower", "upper", "velocity"))
+        farthest, (slowest, fastest, _) = SIZES["limits", is_rail][1], SIZES["max_velocity", is_rail]
+        has_limits, has_speed = -farthest <= low < high <= farthest, slowest <= speed <= fastest
+        line += f", limits: {_vector((low, high))}" if has_limits and joint.kind != "continuous" else ""
+        line += f", max_velocity: {_decimal(speed)}" if has_speed else ""
         lines.append(f"{{{line}}}")
+        lacking += [] if is_name else [f"a name of {name} other than {joint.name!r}"]
+        lacking += [] if has_limits or joint.kind == "continuous" else [f"limits of {name}"]
+        lacking += [] if has_speed else [f"the highest speed of {name}"]
         frame = np.eye(4)
-    text = "the URDF states no usable {} of {}: put the arm's own into the recipe"
-    lacks = [
-        Note("urdf-incomplete", text.format(what, listed(lacking))) for what, lacking in without.items() if lacking
-    ]
-    return lines, notes + lacks
+    text = f"the URDF states nothing that a recipe can hold for {listed(lacking)}: put the arm's own into the recipe"
+    return lines, [Note("urdf-incomplete", text)] if lacking else []
 
 
 def _vector(values: Sequence[float] | Floats) -> str:

@@ -33,13 +33,7 @@ TRUTH_NAME = "truth.json"
 #: What simulated logs are called; a truth beside them proves that they are.
 _SIMULATED = re.compile(r"session_\d+\.(csv|parquet)")
 
-_ELSEWHERE = "write elsewhere with -o"
-_MENDS = {
-    errno.ENOSPC: f"free some space on that disk, or {_ELSEWHERE}",
-    errno.EDQUOT: f"your disk quota is used up: free some space, or {_ELSEWHERE}",
-    errno.EACCES: f"you may not write there: change the folder's permissions, or {_ELSEWHERE}",
-    errno.ENAMETOOLONG: "give a shorter name with -o",
-}
+_ELSEWHERE = "check the disk's space and your permissions, shorten the name, or write elsewhere with -o"
 
 
 def write_file(path: Path, data: bytes | str) -> None:
@@ -94,8 +88,7 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(target)
     except OSError as error:
         what = f"cannot write {path.name[:80]}: {error.strerror or error}"
-        mend = _MENDS.get(error.errno or 0, _ELSEWHERE)
-        raise ResultError("cannot-write", what, Where(file=str(path)[:300]), mend) from error
+        raise ResultError("cannot-write", what, Where(file=str(path)[:300]), _ELSEWHERE) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -205,7 +198,7 @@ def write_session(
 
     Raises
     ------
-    ResultError [logs-in-the-way, cannot-write]
+    ResultError [file-exists, cannot-write]
         The folder holds logs already (measured and simulated ones must not mix), or the disk refuses.
     """
     files: dict[str, tuple[int, float, float]] = {}
@@ -249,7 +242,7 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
 
     Raises
     ------
-    ResultError [logs-in-the-way]
+    ResultError [file-exists]
         There are others, or these may not be replaced.
     """
     truth, is_simulated = folder / TRUTH_NAME, False
@@ -260,8 +253,7 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
     foreign = [path for path in there if not is_simulated or path not in ours]
     if foreign or (there and not force):
         first = (foreign or there)[0]
-        why = "; no truth.json beside it says that it was simulated" if foreign else ""
-        what = f"{folder} holds logs already ({len(there)} files, such as {first.name}){why}"
-        mend = "write to another folder with -o" + ("" if foreign else ", or replace them with --force")
-        raise ResultError("logs-in-the-way", what, Where(file=str(first)), mend)
+        what = f"{folder} holds logs already ({len(there)} files, such as {first.name})"
+        mend = "write to another folder with -o; --force replaces only what an earlier simulation wrote"
+        raise ResultError("file-exists", what, Where(file=str(first)), mend)
     return sorted(there, key=truth.__eq__)

@@ -62,7 +62,6 @@ def ingest(
     LogError, or Faults of it
         A file cannot be read, no file has a row, or the columns cannot mean what the recipe says.
     """
-    LogReader(paths, robot, extra=extra).check_extra()
     work = partial(read_file, robot=robot, options=options, extra=tuple(extra))
     total = LogStatistics(robot)
     faults: list[LogError] = []

@@ -22,7 +22,7 @@ from pumaid.cli.additions import with_commands
 from pumaid.diagnosis.discrimination import plan_of_findings as deciding
 from pumaid.diagnosis.records import Diagnosis, Digest, read_diagnosis, write_diagnosis
 from pumaid.experiment import Experiment
-from pumaid.io.plan_file import read_plan, write_plan
+from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
 from pumaid.results.model_file import model_digest
@@ -40,7 +40,7 @@ def experiment(folder: Path) -> Path:
     shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
     robot = pumaid.read_recipe(folder / "recipe.yaml")
     plan, truth = pumaid.plan(robot, minutes=8, seed=3), draw(robot, 3)
-    write_plan(folder / "plan.yaml", plan, robot)
+    (folder / "plan.yaml").write_text(plan_text(plan, robot), encoding="utf-8")
     truth = truth.hiding([hidden.parse(HIDDEN, robot)])
     for origin, logs in groupby(pumaid.simulate(robot, plan, truth=truth, seed=3, rate=100.0), key=lambda x: x.origin):
         write_log(folder / "logs" / f"{origin}.csv", logs, robot)
@@ -147,7 +147,7 @@ def test_a_suspected_column_is_found(arm):
 def test_runs_that_decide_become_a_plan(tmp_path):
     """The rows of a finding's next run, as often as it takes, make a plan that a robot can run."""
     plan = deciding(diagnoses.rich().findings, diagnoses.PUMA)
-    write_plan(tmp_path / "next.yaml", plan, diagnoses.PUMA)
+    (tmp_path / "next.yaml").write_text(plan_text(plan, diagnoses.PUMA), encoding="utf-8")
     again = read_plan(tmp_path / "next.yaml", diagnoses.PUMA)
     assert [round(motion.start, 6) for motion in again.motions] == [-1.2, 1.2, -1.2, 1.2]
     assert again.motions[0].velocity == pytest.approx(0.05) and again.duration > 4 * 2.4 / 0.05

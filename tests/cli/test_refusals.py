@@ -120,8 +120,8 @@ def test_what_is_no_truth_is_refused(arm, text):
     [
         ("- {effect: sprig, joint: knee}", "unknown-effect", "did you mean spring?"),
         ("- {effect: stribeck, joint: 2, shape: {velocty: 1}}", "effect-shape", "did you mean velocity?"),
-        ("- {effect: stribeck, joint: kne}", "recipe-bad-value", "did you mean knee?"),
-        ("- {effect: stribeck, jiont: 2}", "recipe-bad-key", "did you mean joint?"),
+        ("- {effect: stribeck, joint: kne}", "recipe-wrong", "did you mean knee?"),
+        ("- {effect: stribeck, jiont: 2}", "recipe-wrong", "did you mean joint?"),
         ("- {effect: ripple, shape: {frequency: -3}}", "effect-shape", "write a number from"),
     ],
 )

@@ -8,7 +8,7 @@ import worlds
 
 from pumaid.dataset import Dataset
 from pumaid.errors import LogError
-from pumaid.io.paths import meant
+from pumaid.io.paths import chosen_logs
 from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 from pumaid.simulation import Bench, table1
 from pumaid.trajectory import Motion, Plan
@@ -164,7 +164,7 @@ def test_a_joint_keeps_runs_to_fit():
 )
 def test_files_are_named_as_users_do(pattern, expected):
     """By path, bare name, folder, or a glob of either; of a name that leads nowhere the nearest one is told."""
-    assert meant(pattern, NAMES) == expected
+    assert chosen_logs(pattern, NAMES) == expected
     with pytest.raises(LogError) as refused:
-        meant("logs/day1/bb.csv", NAMES)
+        chosen_logs("logs/day1/bb.csv", NAMES)
     assert refused.value.slug == "heldout-nothing" and "b.csv" in refused.value.mend

@@ -61,7 +61,7 @@ def test_standard_input_is_itself() -> None:
         ("day2/a.csv", "no-such-log", "day 2"),
         ("*.tdms", "no-such-log", "day 2, dir.csv"),
         ("dead.csv", "no-such-log", "dead.csv"),
-        ("empty", "no-logs", ".parquet"),
+        ("empty", "no-such-log", ".parquet"),
     ],
 )
 def test_a_miss_names_the_nearest(folder: Path, argument: str, slug: str, said: str) -> None:
@@ -80,7 +80,7 @@ def test_an_unreadable_folder_is_told(folder: Path) -> None:
     try:
         with pytest.raises(LogError) as refused:
             expand([folder])
-        assert refused.value.slug == "unreadable-log"
+        assert refused.value.slug == "file-not-readable"
     finally:
         (folder / "day 2").chmod(0o755)
 
@@ -99,7 +99,7 @@ def test_a_store_that_keeps_things_in_memory_is_like_a_folder(monkeypatch) -> No
     monkeypatch.setattr(type(store), "open", refused)
     with pytest.raises(LogError, match="AccessDenied") as error, local_copy(paths[0]):
         pass
-    assert error.value.slug == "unreadable-log"
+    assert error.value.slug == "file-not-readable"
 
 
 @pytest.mark.parametrize(
@@ -107,11 +107,11 @@ def test_a_store_that_keeps_things_in_memory_is_like_a_folder(monkeypatch) -> No
     [
         ("memory://nothing/here", "no-such-log"),
         ("file:///nothing/here/*.csv", "no-such-log"),
-        ("data://x", "no-store"),
-        ("foo://x", "no-store"),
-        ("FILE:///tmp", "no-store"),
-        ("zip:///tmp/x.zip", "no-store"),
-        ("simplecache::file:///tmp/x", "no-store"),
+        ("data://x", "file-not-readable"),
+        ("foo://x", "file-not-readable"),
+        ("FILE:///tmp", "file-not-readable"),
+        ("zip:///tmp/x.zip", "file-not-readable"),
+        ("simplecache::file:///tmp/x", "file-not-readable"),
     ],
 )
 def test_what_leads_nowhere_is_one_message(argument, slug) -> None:

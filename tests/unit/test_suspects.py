@@ -61,21 +61,12 @@ def test_a_column_of_text_is_refused(tmp_path, name):
     assert refused.value.slug == "not-a-number"
 
 
-def test_a_column_that_no_file_has_is_refused_before_the_pass(tmp_path):
+def test_a_log_without_the_column_is_refused(tmp_path):
     """The nearest name is offered, whatever its capitals."""
     paths = [written(tmp_path / name, columns()) for name in ("a.csv", "b.parquet")]
     with pytest.raises(LogError, match="did you mean Vbus") as refused:
         ingest(paths, ARM, extra=("vbsu",))
     assert refused.value.slug == "column-missing"
-
-
-def test_a_file_that_lacks_the_column_leaves_it_unknown(tmp_path):
-    """Its run is kept with NaN, and a note says so."""
-    bare = {name: values for name, values in columns(start=10.0).items() if name != "Vbus"}
-    dataset = found(written(tmp_path / "a.csv", columns()), written(tmp_path / "b.csv", bare))
-    known = [np.isfinite(run.bins.extra).all() for run in dataset.runs]
-    assert known == [True, False]
-    assert [note.slug for note in dataset.notes if note.slug.startswith("extra")] == ["extra-absent"]
 
 
 def test_empty_cells_are_left_out_of_the_means(tmp_path):

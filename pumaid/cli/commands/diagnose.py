@@ -110,12 +110,13 @@ def _diagnosis(
 def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     """Write the runs that would decide, as often as it takes."""
     from pumaid.diagnosis.discrimination import plan_of_findings
-    from pumaid.io.plan_file import write_plan
+    from pumaid.io.plan_file import plan_text
+    from pumaid.io.write import write_file
     from pumaid.reporting.formatting import plural
 
     made = plan_of_findings(diagnosis.findings, robot)
     if not made.motions:
         remark(f"there is nothing that more runs would decide: {path} is not written")
         return
-    write_plan(path, made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml")
+    write_file(path, plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml"))
     remark(f"plan of {plural(len(made.motions), 'run')} written to {path}")

@@ -7,6 +7,7 @@ import inspect
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -111,6 +112,27 @@ def floats(column: pa.Array) -> Floats:
         return values
     bits = np.unpackbits(np.frombuffer(validity, dtype=np.uint8), bitorder="little")
     return np.where(bits[column.offset : column.offset + len(column)], values, np.nan)
+
+
+@contextmanager
+def refusing_damage(name: str) -> Iterator[None]:
+    """Refuse what Arrow cannot read of a file; where it gets no memory, the file is not called damaged for that.
+
+    Raises
+    ------
+    LogError [not-a-log]
+        It is cut off or altered.
+    """
+    import pyarrow as pa
+
+    try:
+        yield
+    except pa.ArrowMemoryError:
+        raise
+    except (pa.ArrowException, OSError, EOFError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
+        mend = "the file was cut off or altered: record, copy or export it again"
+        raise LogError("not-a-log", f"{name} cannot be read to its end: {reason}", Where(file=name), mend) from error
 
 
 @cache

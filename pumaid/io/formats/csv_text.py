@@ -3,6 +3,7 @@
 import codecs
 import csv
 import io
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats
+from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats, refusing_damage
 from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
@@ -23,8 +24,6 @@ _NULLS = sorted(
 _BLOCK_BYTES = 4 << 20
 #: Bytes in which the header is looked for, and rows from which the dialect is told.
 _MOST_HEAD, _PROBE_ROWS = 4 << 20, 50
-#: Rows with too few or too many cells at which reading stops.
-_MOST_RAGGED = 1000
 #: Stands for runs of spaces and tabs between cells.
 _SPACES = " "
 _COMMENT = ("#", "%")
@@ -37,6 +36,10 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 #: Numbers in groups of three digits, and those that need no separator.
 _GROUPED, _SMALL = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,])\d{3})(?:\1\d{3})*"), re.compile(r"[+-]?\d{1,3}")
+_NUMBERS = (
+    "write numbers as 1234.5 or 1.2e-3, without units, separators or dates (times in s); leave cells without a number"
+    " empty, and have one header and no line of units above the rows"
+)
 _BAD_CELL = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: invalid value '(.*)", re.S)
 
 
@@ -70,8 +73,8 @@ class CsvLog(LogSource):
 
         Raises
         ------
-        LogError [empty-log, no-header, not-a-log]
-            There is no line, the first one holds numbers, or it is no text.
+        LogError [not-a-log]
+            There is no line of names above the numbers, or it is no text.
         """
         with self._opened() as stream:
             head = stream.read(_MOST_HEAD)
@@ -90,9 +93,9 @@ class CsvLog(LogSource):
 
         Raises
         ------
-        LogError [not-a-number, ragged-row, thousands]
-            A cell holds text, a row inside the file has too few or too many cells, or numbers have separators of
-            thousands.
+        LogError [not-a-number, not-a-log]
+            A cell holds text, numbers have separators of thousands, or a row inside the file has too few or too many
+            cells.
         """
         indices = [self._dialect.header.index(name) for name in names]
         _refuse_thousands(self._dialect, indices, self.name)
@@ -116,16 +119,10 @@ class CsvLog(LogSource):
         """The bytes, unpacked."""
         import pyarrow as pa
 
-        with self.path.open("rb") as stream:
+        with self.path.open("rb") as stream, refusing_damage(self.name):
             is_packed = stream.read(2) == _GZIP
             stream.seek(0)
-            try:
-                yield pa.input_stream(stream, compression="gzip" if is_packed else None)
-            except (pa.ArrowException, OSError, EOFError) as error:
-                if not is_packed:
-                    raise
-                what = f"{self.name} is not a whole gzip file: {str(error).splitlines()[0][:100]}"
-                raise LogError("damaged-log", what, Where(file=self.name), "compress it again") from error
+            yield pa.input_stream(stream, compression="gzip" if is_packed else None)
 
     def _parsed(self, indices: Sequence[int]) -> Iterator[Floats]:
         """(C, N) values of the columns, block by block."""
@@ -136,7 +133,7 @@ class CsvLog(LogSource):
             self._skipped.append(row.number)
             if row.text.strip() and not row.text.startswith(_COMMENT):
                 self._ragged.append((row.number, row.actual_columns))
-            return "skip" if len(self._ragged) < _MOST_RAGGED else "error"
+            return "skip" if len(self._ragged) < 2 else "error"
 
         dialect = self._dialect
         wanted = [str(index) for index in indices]
@@ -171,50 +168,31 @@ class CsvLog(LogSource):
                     yield np.array([floats(batch.column(name)) for name in wanted]).reshape(len(wanted), -1)
             except pa.ArrowInvalid as error:
                 if "Could not skip" not in str(error) and "Empty CSV" not in str(error):  # else there are no rows
-                    self._judge(self._ragged[-1][0] + 1 if self._ragged else 0)
+                    self._judge(math.inf)
                     raise self._unreadable(str(error)) from error
 
-    def _judge(self, last_row: int) -> None:
+    def _judge(self, last_row: float) -> None:
         """A cut last row is a recording that was stopped; any other is a damaged file."""
-        size, ragged = len(self._dialect.header), self._ragged
-        if ragged and ragged[-1][0] > last_row and ragged[-1][1] < size:
-            line, count = ragged.pop()
-            text = f"the last row has {count} of {size} cells (recording cut off) and is left out"
-            self.notes.append(Note("last-row-cut", text, Where(file=self.name, row=line)))
-        if ragged:
-            first = "; ".join(f"row {line} has {count}" for line, count in ragged[:3])
-            more = f" and {len(ragged) - 3} more" if len(ragged) > 3 else ""
-            what = f"{first}{more} cells where the header has {size}"
-            mend = "complete or remove these rows; a delimiter inside a cell needs quotes"
-            raise LogError("ragged-row", what, Where(file=self.name, row=ragged[0][0]), mend)
+        if not self._ragged:
+            return
+        size, (line, count) = len(self._dialect.header), self._ragged[0]
+        where, text = Where(file=self.name, row=line), f"row {line} has {count} cells where the header has {size}"
+        if len(self._ragged) > 1 or line < last_row or count > size:
+            mend = "complete or remove such rows; a delimiter inside a cell needs quotes"
+            raise LogError("not-a-log", text, where, mend)
+        self.notes.append(Note("bad-samples", f"{text} (recording cut off) and is left out", where))
 
     def _unreadable(self, message: str) -> LogError:
         """The error that a message of Arrow's means."""
         match = _BAD_CELL.search(message)
         if match is None:
             what = f"{self.name} is no table in lines: {message.splitlines()[0][:150]}"
-            mend = "export it as CSV, a line a sample, or as Parquet"
-            return LogError("not-a-log", what, Where(file=self.name), mend)
+            return LogError(
+                "not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet"
+            )
         column, text = self._dialect.header[int(match[1])], match[3].rstrip("'").strip()[:30]
-        row = int(match[2]) if match[2] else None
-        cases = (
-            (
-                row == self._dialect.header_line + 1,
-                f"row {row} looks like units: delete it and name the units in the recipe",
-            ),
-            (
-                text in self._dialect.header,
-                f"row {row} is a header: another recording begins there; split the file before it",
-            ),
-            (re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", text), "write times as seconds, not as dates"),
-            (
-                True,
-                "write numbers as 1234.5 or 1.2e-3, without units or separators; leave cells without a number empty",
-            ),
-        )
-        mend = next(mend for is_case, mend in cases if is_case)
-        where = Where(file=self.name, row=row, column=column)
-        return LogError("not-a-number", f"row {row}, column {column}: {text!r} is no number", where, mend)
+        where = Where(file=self.name, row=int(match[2]) if match[2] else None, column=column)
+        return LogError("not-a-number", f"column {column} holds {text!r}, no number", where, _NUMBERS)
 
 
 def _single_spaced(stream: Any) -> Any:
@@ -240,8 +218,8 @@ def _dialect(text: str, name: str) -> Dialect:
 
     Raises
     ------
-    LogError [empty-log, no-header]
-        There is no line, or numbers have no line of names above them.
+    LogError [not-a-log]
+        There is no line of names above the numbers.
     """
     lines: list[str] = []
     numbers: list[int] = []
@@ -255,12 +233,10 @@ def _dialect(text: str, name: str) -> Dialect:
     above = [number for number in range(first) if lines[number].strip()]
     above = [number for number in above if not lines[number].lower().startswith((*_COMMENT, *_SEPARATOR))] or above[-1:]
     body = [lines[number] for number in numbers]
-    if not above and not body:
-        raise LogError("empty-log", f"{name} has no line", Where(file=name), "record it again or leave it out")
     if not above:
-        what = f"line {first + 1} of {name} holds numbers ({body[0].strip()[:40]}), and no names of columns above"
+        what = f"{name} has no line of names above its numbers ({body[0].strip()[:40] if body else 'it is empty'})"
         mend = "put a header line on top: t,q1,...,i1,..."
-        raise LogError("no-header", what, Where(file=name, line=first + 1), mend)
+        raise LogError("not-a-log", what, Where(file=name, line=first + 1), mend)
     place = above[-1] if body else above[0]
     delimiter = _delimiter([lines[place].lstrip("\ufeff#% "), *body])
     if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
@@ -309,16 +285,15 @@ def _refuse_thousands(dialect: Dialect, indices: Sequence[int], name: str) -> No
 
     Raises
     ------
-    LogError [thousands]
+    LogError [not-a-number]
         The first rows hold such numbers.
     """
     for index in indices:
         words = [row[index] for row in dialect.rows if index < len(row) and row[index]]
         grouped = [word for word in words if _GROUPED.fullmatch(word)]
-        plain = sorted({word for word in words if not _GROUPED.fullmatch(word)})
-        is_sure = any(word.count(",") > 1 or word.count(".") > 1 for word in grouped)
-        if is_sure or (grouped and plain and all(_SMALL.fullmatch(word) for word in plain)):
-            column, shown = dialect.header[index], grouped[0] + (f" beside {plain[0]}" if plain else "")
+        plain = sorted({*words} - {*grouped})
+        is_sure = any(len(re.split("[.,]", word)) > 2 for word in grouped)
+        if is_sure or (grouped and plain and all(map(_SMALL.fullmatch, plain))):
+            column, shown = dialect.header[index], " beside ".join([*grouped[:1], *plain[:1]])
             what = f"column {column} of {name} holds {shown}: separators of thousands, or decimals?"
-            where = Where(file=name, column=column)
-            raise LogError("thousands", what, where, "write numbers without separators of thousands: 1068 or 1068.0")
+            raise LogError("not-a-number", what, Where(file=name, column=column), _NUMBERS)

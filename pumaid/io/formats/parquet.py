@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pumaid.errors import LogError, Where
-from pumaid.io.formats import Batch, LogColumn, LogSource, floats
+from pumaid.io.formats import Batch, LogColumn, LogSource, floats, refusing_damage
 from pumaid.maths import Floats
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ class ParquetLog(LogSource):
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        with self._refusing_damage():
+        with refusing_damage(self.name):
             source = pa.OSFile(os.fsencode(self.path))
             options = {"pre_buffer": False, "page_checksum_verification": True}  # of pages that have a checksum
             self._file = pq.ParquetFile(source, buffer_size=_BUFFER_BYTES, **options)
@@ -47,7 +46,7 @@ class ParquetLog(LogSource):
         first = 2
         batches = self._file.iter_batches(_BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False)
         while True:
-            with self._refusing_damage():
+            with refusing_damage(self.name):
                 batch = next(batches, None)
             if batch is None:
                 return
@@ -68,21 +67,6 @@ class ParquetLog(LogSource):
             what = f"column {name} holds {column.type}, not numbers: {str(error).splitlines()[0][:100]}"
             mend = "write it as numbers, a column for each joint"
             raise LogError("not-a-number", what, Where(file=self.name, column=name), mend) from error
-
-    @contextmanager
-    def _refusing_damage(self) -> Iterator[None]:
-        """Refuse what Arrow cannot read; where it gets no memory, the file is not called damaged for that."""
-        import pyarrow as pa
-
-        try:
-            yield
-        except pa.ArrowMemoryError:
-            raise
-        except (pa.ArrowException, OSError) as error:
-            reason = (str(error) or type(error).__name__).splitlines()[0][:200]
-            mend = "the file was cut off or altered: record, copy or export it again"
-            what = f"{self.name} is not a whole Parquet file: {reason}"
-            raise LogError("damaged-log", what, Where(file=self.name), mend) from error
 
 
 def _is_time(pa: Any, kind: Any) -> bool:
