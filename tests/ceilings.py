@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 16494,
     "modules": 151,
     "import depth": 12,
-    "lines of tests and tools": 22447,
+    "lines of tests and tools": 22443,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
