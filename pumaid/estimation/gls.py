@@ -99,7 +99,7 @@ def fit_bins(
     system, prior = system_of(rows, levels, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
     solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
     first = Fit(model, rows, assigned, levels, tuple(weak), system, solution, prior, limit, absorbed=absorbed)
-    fitted = replace(first, first=first)
+    fitted = replace(first, first=first, absorbed={})
     if recursive:
         return fitted
     tell(0, "refining all joints together")

@@ -134,13 +134,12 @@ def test_ur3e_gravity_is_that_of_half_sums_and_points_where_the_published_masses
     assert abs(quarter["value"] - level["value"] * upright / zero) < 2.0 * quarter["std_error"]
 
 
-def test_ur3e_recursion_alone_knows_its_errors(shoulder):
-    """With one joint in the logs both steps are one: the recursion's errors are the joint estimate's, within 20 %."""
-    place, model = shoulder
-    alone = real.run(place, "identify", "--recursive", "-o", str(place / "recursive.json"))[1]
-    for name, value in real.parameters(alone).items():
-        if value["state"] == "identified":
-            assert value["std_error"] == pytest.approx(real.parameters(model)[name]["std_error"], rel=0.2)
+def test_ur3e_friction_is_known(shoulder):
+    """The joint is alone in the logs, and outer links were never moved: its friction does not wait for theirs."""
+    values = [
+        value for name, value in real.parameters(shoulder[1]).items() if name.startswith(("coulomb.j2", "viscous.j2"))
+    ]
+    assert [value["state"] for value in values] == ["identified"] * 4
 
 
 @pytest.mark.parametrize("judged", ["first", "second"])
