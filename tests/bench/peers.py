@@ -27,16 +27,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from free_motion import reach, recorded, waves
 from measured import append
-from pumaid.simulation.random_robot import draw
 
 from pumaid import export, read_model
 from pumaid.dataset import Log
 from pumaid.exports.robot_xml import xml_name
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import write_log
-from pumaid.simulation.mujoco_engine import mjcf
-from pumaid.simulation.session import simulate
-from pumaid.simulation.virtual_robot import Friction
+from pumaid.simulation import Friction, draw, simulate
+from pumaid.simulation.mujoco_engine import specification
 from pumaid.trajectory import Motion, Plan
 from pumaid.units import factor
 
@@ -116,7 +114,7 @@ def questions(truth):
     moving = rng.integers(0, n, POINTS)
     velocity[np.arange(POINTS), moving] = rng.uniform(20, 70, POINTS) * factor("deg") * rng.choice([-1, 1], POINTS)
     gravity = truth.gravity_current(position)
-    friction = np.stack([truth.friction.current(j + 1, v) for j, v in enumerate(velocity.T)], axis=1)
+    friction = truth.friction.currents(velocity)
     told = {"gravity": gravity / truth.gain, "whole": (gravity + friction) / truth.gain, "gain": truth.gain}
     return {"position": position, "velocity": velocity, "moving": moving} | told
 
@@ -139,8 +137,10 @@ def mujoco_model(truth):
     motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in names)
     sensors = "".join(f'<jointpos name="{name}_position" joint="{name}"/>' for name in names)
     parts = f"<actuator>{motors}</actuator>\n<sensor>{sensors}</sensor>\n</mujoco>"
-    ours = ' iterations="50" tolerance="1e-12"'  # of pumaid's physics; the engine's defaults are quicker
-    return mjcf(guess, step=1.0 / RATE).replace(ours, "").replace("</mujoco>", parts)
+    spec = specification(guess, step=1.0 / RATE)
+    spec.option.iterations, spec.option.tolerance = 100, 1e-8  # the engine's defaults are quicker than ours
+    spec.compile()
+    return str(spec.to_xml()).replace("</mujoco>", parts)
 
 
 def prepare(folder, joints, log_of, rows):
