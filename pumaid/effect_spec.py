@@ -95,7 +95,6 @@ class EffectTerm:
         """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
         effect, number = self.effect, self.number
         letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")
-        unit = robot.joint(number).position_unit if number else "rad"
         items: list[Parameter | Shape] = list(effect.parameters(robot, number))
         items += [shape for shape in effect.shapes(robot, number) if shape.name in self.fitted]
         for item in items:
@@ -104,7 +103,7 @@ class EffectTerm:
             yield Column(
                 name=f"{effect.name}.{letter}{item.name}{self.mark}",
                 symbol=symbol + self.mark,
-                unit=item.unit.format(unit=unit),
+                unit=item.unit,
                 owner=number,
                 effect=effect.name,
                 place=place,

@@ -10,11 +10,10 @@ import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, Bins, Campaign, Run, coarser
 from pumaid.effects import Extent, Loads, Samples
-from pumaid.kinematics import posture_groups
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.replicates import replicates
-from pumaid.robot import Robot
+from pumaid.robot import Robot, posture_groups
 
 #: Bins a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
 #: the narrowest presliding that a ramp leaves visible; and at which periodic ones are.

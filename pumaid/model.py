@@ -19,7 +19,7 @@ from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
 from pumaid.maths import Counts, Flags, Floats, Recursion, independent
 from pumaid.rigid_body import base_parameters
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
@@ -47,15 +47,6 @@ class Structure:
     redundant: dict[tuple[int, int], str] = field(default_factory=dict)
 
 
-def minimal(robot: Robot, *, seed: int = 0) -> Structure:
-    """Derive the minimal parameters from random postures (by `seed`) and random parameters of the arm.
-
-    A friction term absorbs what a gravity column shares with it. Source: S.-K. Lin, Theorem 3 and Corollary 4, found
-    here by rank instead of by their case rules.
-    """
-    return _of_geometry(tuple(robot.joints), tuple(robot.gravity), seed)
-
-
 def in_motion(robot: Robot) -> Structure:
     """The parameters of gravity that no motion of all joints shows; ratios of gains are left to the data."""
     shown = {(link, part.removeprefix("m") or "mass") for link, part in base_parameters(robot).names}
@@ -70,8 +61,13 @@ def in_motion(robot: Robot) -> Structure:
 
 
 @lru_cache(maxsize=16)  # one command makes many models of one arm
-def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], seed: int) -> Structure:
-    rng, robot = np.random.default_rng(seed), Robot("", joints, pull)
+def minimal(robot: Robot, *, seed: int = 0) -> Structure:
+    """Derive the minimal parameters from random postures (by `seed`) and random parameters of the arm.
+
+    A friction term absorbs what a gravity column shares with it. Source: S.-K. Lin, Theorem 3 and Corollary 4, found
+    here by rank instead of by their case rules.
+    """
+    rng = np.random.default_rng(seed)
     gravity, n = catalogue()["gravity"], robot.n_joints
     widths = [len(gravity.parameters(robot, link)) for link in range(1, n + 1)]
     owners = np.repeat(np.arange(n), widths)
@@ -103,7 +99,7 @@ def _of_geometry(joints: tuple[Joint, ...], pull: tuple[float, float, float], se
             if is_sure:
                 recursion.gains.parent[root], recursion.gains.edge[root] = row, float(rng.uniform(0.5, 2.0))
     redundant = {}
-    for inner, outer in itertools.pairwise(joints):
+    for inner, outer in itertools.pairwise(robot.joints):
         if not np.isfinite(recursion.gains.ratio(inner.number - 1, outer.number - 1)):
             why = f"joint {inner.number} ({inner.name}) does not feel the weight that joint {outer.number}"
             redundant[inner.number, outer.number] = f"{why} ({outer.name}) carries, in any posture"

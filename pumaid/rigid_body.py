@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pumaid.maths import Floats
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 #: Parameters of a link, in its joint's frame: mass (kg), first moments (kg m), moments and products of inertia about
 #: the frame's origin (kg m2), and the inertia of the rotor as the joint feels it.
@@ -147,8 +147,11 @@ def _turn_about_z(vectors: Floats, cosine: Floats, sine: Floats) -> None:
 
 
 @lru_cache(maxsize=32)
-def _base_columns(joints: tuple[Joint, ...], gravity: tuple[float, float, float]) -> tuple[tuple[int, ...], ...]:
-    robot = Robot("", joints, gravity)
+def base_parameters(robot: Robot) -> RigidBody:
+    """The chain with the parameters that some motion shows beside friction: of inner links first, the rest regrouped.
+
+    Source: M. Gautier, J. Robotic Systems 8 (1991) 485-506: base parameters by the rank of the regressor.
+    """
     everything = RigidBody(robot, tuple(tuple(range(len(PARAMETERS))) for _ in robot.joints))
     rng, shape = np.random.default_rng(0), (robot.n_joints, STATES)
     states = (rng.uniform(-np.pi, np.pi, shape), rng.normal(0, SPEED, shape), rng.normal(0, ACCELERATION, shape))
@@ -162,15 +165,8 @@ def _base_columns(joints: tuple[Joint, ...], gravity: tuple[float, float, float]
     order = order[size[order] > RANK * size.max()]
     upper: Floats = np.asarray(np.linalg.qr(np.hstack([constant, matrix[:, order] / size[order]]), mode="r"))
     counted = [everything.names[k] for k in order[np.abs(upper.diagonal()[constant.shape[1] :]) > RANK]]
-    return tuple(
+    numbers = tuple(
         tuple(k for k, name in enumerate(PARAMETERS) if (link, name) in counted)
         for link in range(1, robot.n_joints + 1)
     )
-
-
-def base_parameters(robot: Robot) -> RigidBody:
-    """The chain with the parameters that some motion shows beside friction: of inner links first, the rest regrouped.
-
-    Source: M. Gautier, J. Robotic Systems 8 (1991) 485-506: base parameters by the rank of the regressor.
-    """
-    return RigidBody(robot, _base_columns(robot.joints, robot.gravity))
+    return RigidBody(robot, numbers)

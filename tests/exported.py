@@ -8,9 +8,8 @@ from pumaid.effect_spec import expanded, terms_of
 from pumaid.effects import Samples, catalogue
 from pumaid.estimate import Estimate, JointFit, Value
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.kinematics import placement
 from pumaid.model import Model, loads
-from pumaid.robot import EffectChoice, Joint, Robot
+from pumaid.robot import EffectChoice, Joint, Robot, placement
 from pumaid.simulation import draw
 from tests.worlds import CRANE, arm, random_arm
 

@@ -63,9 +63,8 @@ def sizes(candidate: EvaluatedCandidate) -> tuple[Size, ...]:
 def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats) -> tuple[Size, ...]:
     """With standard errors; of two parameters of which only the sum or difference is known, that."""
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    unit = robot.joint(term.joint or 1).position_unit
     alone = tuple(
-        Size(parameter.name, float(value), float(error), parameter.unit.format(unit=unit))
+        Size(parameter.name, float(value), float(error), parameter.unit)
         for parameter, value, error in zip(term.effect.parameters(robot, term.number), values, errors, strict=True)
     )
     if len(alone) != 2 or alone[0].unit != alone[1].unit:

@@ -22,7 +22,7 @@ from pumaid.diagnosis.score_test import (
 )
 from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, WORTH, evidence, rmse
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Effect, Family, Samples, Scope, catalogue
+from pumaid.effects import Effect, Family, Samples, catalogue
 from pumaid.estimation.fit import Fit, Projector
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Floats
@@ -285,10 +285,7 @@ def needed(surprise: float, freedoms: int, *, runs: float, gross: float = GROSS)
 def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:
     """Of that size; where it is infinite, with the reason and the runs in which the effect would be seen."""
     first = effect.parameters(robot, key[1] or 0)[0]
-    joint = robot.joint(key[1]) if key[1] and effect.scope is not Scope.ARM else robot.joints[0]
-    unit = first.unit.format(unit=joint.position_unit)
     if size < ABSURD * (abs(first.example) or 1.0):
-        return Limit(*key, first.name, size, unit)
-    return Limit(
-        *key, first.name, None, unit, FAINT + (f"; it is seen best in {effect.seen_in}" * bool(effect.seen_in))
-    )
+        return Limit(*key, first.name, size, first.unit)
+    best = f"; it is seen best in {effect.seen_in}" if effect.seen_in else ""
+    return Limit(*key, first.name, None, first.unit, FAINT + best)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pumaid.effects.formula import OF_LOADS, Samples, columns, names_in, printed
 from pumaid.maths import Floats
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 NO_SHAPE: Mapping[str, float] = {}
 
@@ -284,19 +284,13 @@ def _instants(extent: Extent) -> tuple[float, ...]:
     return tuple(float(t) for t in between[chosen])
 
 
+@lru_cache(maxsize=64)  # asked again for every shape of every effect
 def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str | None:
     """Why an effect of gravity's load says nothing at joint `joint` (from 1), whatever its limits; None where it can.
 
     With `must_change`, a load that is the same in every posture does not count either.
     """
-    return _load_refusal(tuple(robot.joints), tuple(robot.gravity), joint, must_change)
-
-
-@lru_cache(maxsize=64)  # asked again for every shape of every effect
-def _load_refusal(
-    joints: tuple[Joint, ...], gravity: tuple[float, float, float], joint: int, must_change: bool
-) -> str | None:
-    rng, robot = np.random.default_rng(0), Robot("", joints, gravity)
+    rng = np.random.default_rng(0)
     position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
     z = robot.rotations(position)[:, joint - 1, :, 2]
     g = np.asarray(robot.gravity, dtype=float)

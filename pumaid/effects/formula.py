@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from pumaid.maths import Floats
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 #: degC that a joint has where its temperature was not measured; it only shifts Coulomb friction.
 REFERENCE = 25.0
@@ -104,16 +104,16 @@ def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
 
 
 @lru_cache(maxsize=1)  # asked again for every quantity, and every instant at which a payload may have come
-def _unit_body(joints: tuple[Joint, ...], gravity: tuple[float, ...], samples: Samples) -> Floats:
+def _unit_body(robot: Robot, samples: Samples) -> Floats:
     """(M, 4) A that a unit of mass at the last link's origin draws, and a unit of first moment along each of its axes.
 
     For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass. Zero
     where the ratio of gains to the last joint is not known.
     """
-    i, g = samples.joint - 1, np.asarray(gravity, dtype=float)
-    frames, places = Robot("", joints).frames(samples.position)
+    i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
+    frames, places = robot.frames(samples.position)
     z_i, last = frames[:, i, :, 2], frames[:, -1]
-    if joints[i].is_revolute:
+    if robot.joints[i].is_revolute:
         levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
         felt = np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
     else:
@@ -122,7 +122,7 @@ def _unit_body(joints: tuple[Joint, ...], gravity: tuple[float, ...], samples: S
 
 
 def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
-    return _unit_body(tuple(robot.joints), tuple(robot.gravity), samples)[:, part]
+    return _unit_body(robot, samples)[:, part]
 
 
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).

@@ -7,7 +7,7 @@ import numpy as np
 
 from pumaid.effects import NO_SHAPE, Effect, Family, Parameter, Samples, Scope
 from pumaid.maths import Floats
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 #: Columns below this share of g are rounding of rotations by right angles, not levers.
 ROUNDING = 1e-13
@@ -39,7 +39,7 @@ class Gravity(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
         link, moving = number or samples.joint, samples.joint
-        rotations, g = _rotations(tuple(robot.joints), samples), np.asarray(robot.gravity)
+        rotations, g = _rotations(robot, samples), np.asarray(robot.gravity)
         z_i, frame_j = rotations[:, moving - 1, :, 2], rotations[:, link - 1]
         slides = not robot.joint(moving).is_revolute
         if slides and link == moving:
@@ -55,5 +55,5 @@ class Gravity(Effect):
 
 
 @lru_cache(maxsize=1)  # asked again for every link
-def _rotations(joints: tuple[Joint, ...], samples: Samples) -> Floats:
-    return Robot("", joints).rotations(samples.position)
+def _rotations(robot: Robot, samples: Samples) -> Floats:
+    return robot.rotations(samples.position)

@@ -15,9 +15,9 @@ from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.gls import covariance_of, interval, two_sided
 from pumaid.joint_bins import SAME_POSTURE
-from pumaid.kinematics import posture_groups
 from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Floats
 from pumaid.model import Model
+from pumaid.robot import posture_groups
 from pumaid.units import number
 
 #: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of

@@ -10,10 +10,9 @@ import numpy as np
 
 from pumaid.errors import ModelError, Where
 from pumaid.exports.formulas import Formulas
-from pumaid.kinematics import turn_of_z
 from pumaid.maths import Floats
 from pumaid.model import minimal
-from pumaid.robot import Robot
+from pumaid.robot import Robot, turn_of_z
 from pumaid.simulation.virtual_robot import Links, carried_moment, gravity_load, link_of
 
 #: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.

@@ -27,9 +27,8 @@ from pumaid.io.forms import (
     refusal,
     validated,
 )
-from pumaid.kinematics import placement, turn_of_z
 from pumaid.maths import Floats
-from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere
+from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere, placement, turn_of_z
 from pumaid.units import UNITS, factor
 
 #: The recipe's name in an experiment's folder.

@@ -14,9 +14,8 @@ import numpy as np
 from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_text
 from pumaid.io.recipe import SIZES, is_joint_name, parsed_recipe, recipe_text
-from pumaid.kinematics import placement, roll_pitch_yaw
 from pumaid.maths import Floats
-from pumaid.robot import Robot
+from pumaid.robot import Robot, placement, roll_pitch_yaw
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 #: Most bytes of a URDF, and most joints of a recipe.

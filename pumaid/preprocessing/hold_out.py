@@ -8,7 +8,7 @@ import numpy as np
 from pumaid.dataset import BLOCK, STROKE, Dataset, Run
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.kinematics import posture_groups
+from pumaid.robot import posture_groups
 from pumaid.trajectory import Plan
 
 #: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.

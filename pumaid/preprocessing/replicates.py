@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pumaid.dataset import BLOCK, Run
-from pumaid.kinematics import Numbers, grouped, near
 from pumaid.maths import Counts, Floats
+from pumaid.robot import grouped, near
 
 #: Held positions within this (rad or m) are the same posture to a controller: hundreds of encoder counts, and gravity
 #: differs by less than 1 %.
@@ -29,7 +29,7 @@ def replicates(runs: Sequence[Run]) -> list[list[int]]:
     posture, span = np.array([runs[n].posture for n in order]), np.array([runs[n].span for n in order]).reshape(-1, 2)
     low, high = span.min(axis=1), span.max(axis=1)
 
-    def repeating(first: int, rest: Numbers) -> Numbers:
+    def repeating(first: int, rest: Counts) -> Counts:
         close = rest[(joint[rest] == joint[first]) & (kind[rest] == kind[first]) & (kind[rest] != BLOCK)]
         close = close[np.abs(speed[close] - speed[first]) <= SAME_SPEED * abs(speed[first])]
         close = near(posture, first, close, within=SAME_POSITION)

@@ -49,12 +49,12 @@ def facts(effect: Effect) -> dict[str, Any]:
         "look_alikes": list(effect.look_alikes),
         "physics": inspect.cleandoc(type(effect).__doc__ or ""),
         "parameters": [
-            {"owner": kind, "symbol": parameter.symbol.format(n="N")} | _numbers(parameter, number)
+            {"owner": kind, "symbol": parameter.symbol.format(n="N")} | _numbers(parameter)
             for kind, number in owners
             for parameter in effect.parameters(ARM, number)
         ],
         "shapes": [
-            {"owner": kind, "is_searched": shape.is_searched} | _numbers(shape, number)
+            {"owner": kind, "is_searched": shape.is_searched} | _numbers(shape)
             for kind, number in owners
             for shape in effect.shapes(ARM, number)
         ],
@@ -67,11 +67,10 @@ def facts(effect: Effect) -> dict[str, Any]:
     }
 
 
-def _numbers(item: Parameter | Shape, number: int) -> dict[str, Any]:
-    """What a parameter and a shape have in common, at joint `number` of the arm."""
+def _numbers(item: Parameter | Shape) -> dict[str, Any]:
+    """What a parameter and a shape have in common."""
     low, high = (limit if math.isfinite(limit) else None for limit in (item.low, item.high))
-    unit = item.unit.format(unit=ARM.joint(number or TURNING).position_unit)
-    head = {"name": item.name, "unit": unit, "meaning": item.meaning}
+    head = {"name": item.name, "unit": item.unit, "meaning": item.meaning}
     return head | {"low": low, "high": high, "example": item.example}
 
 
@@ -197,7 +196,7 @@ def _against(effect: Effect, variable: str) -> Signature:
         ways.append(max(currents, key=lambda current: float(np.abs(current).max())))
     items = [(item.name, item.example, item.unit) for item in parameters]
     items += [(item.name, item.example, item.unit) for item in shapes]
-    texts = [f"{name} = {value:.3g} {word.format(unit='rad')}" for name, value, word in items]
+    texts = [f"{name} = {value:.3g} {word}" for name, value, word in items]
     return Signature(variable, unit, values, ways[0], ways[1], ", ".join(text.removesuffix(" 1") for text in texts))
 
 

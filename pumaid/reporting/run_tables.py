@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
-from pumaid.kinematics import roll_pitch_yaw
 from pumaid.reporting.formatting import (
     in_unit,
     listed,
@@ -17,7 +16,7 @@ from pumaid.reporting.formatting import (
     relative_names,
 )
 from pumaid.reporting.table import Row, Table
-from pumaid.robot import Robot
+from pumaid.robot import Robot, roll_pitch_yaw
 from pumaid.trajectory import Plan
 from pumaid.units import number
 

@@ -23,7 +23,7 @@ PACKAGE = ROOT / "pumaid"
 #: Rooms from the ground up; a module imports from its own room and from the rooms of floors below it.
 FLOORS = (
     {"errors", "units"},
-    {"maths", "robot", "kinematics", "rigid_body", "trajectory"},
+    {"maths", "robot", "rigid_body", "trajectory"},
     {"dataset", "estimate"},
     {"effects", "io"},
     {"preprocessing", "simulation"},

@@ -10,9 +10,8 @@ from worlds import course, random_arm, run_of
 from pumaid.dataset import Dataset
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.kinematics import placement, roll_pitch_yaw, turn_of_z
 from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Joint, Robot, placement, roll_pitch_yaw, turn_of_z
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 engines = pytest.importorskip("engines")

@@ -7,8 +7,8 @@ import numpy as np
 from pumaid.exports.base import Form, Subject
 from pumaid.exports.formulas import Lack
 from pumaid.exports.robot_xml import add, bodies_of, weights_only, written, xml_name
-from pumaid.kinematics import roll_pitch_yaw
 from pumaid.maths import Floats
+from pumaid.robot import roll_pitch_yaw
 
 #: What stands for a limit that the recipe does not give: URDF asks for a number.
 NO_LIMIT = 1e6
