@@ -187,8 +187,8 @@ POINTS, WIDTHS = 8, 8
 FEWEST_RUNS, PIECES, A_PIECE = 8, 12, 2.0
 #: Of the flips of pieces; a diagnosis is the same each time.
 SEED = 20_262
-#: Numbers held at once while flips are drawn: what a processor's cache holds.
-AT_ONCE = 250_000
+#: Frequencies looked at together in all flips: what a processor's cache holds.
+AT_ONCE = 256
 #: Degrees of freedom of a periodic effect: cosine and sine.
 PERIODIC = 2
 #: Half of a chi-square beyond which its tail is told by the expansion, for no program can hold it.
@@ -233,14 +233,13 @@ class Spectrum:
         The size of `signs`, by which scores of slow effects are corrected for the fit, means nothing here: the fit
         takes nothing from so fast a wave. Where runs are few, other flips are drawn, of pieces.
         """
-        rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.empty(len(signs))
+        rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.zeros(len(signs))
         if self.is_pieces:
             flips = rng.choice([-1.0, 1.0], size=(len(signs), len(self.scores)))
-        scaled = self.scores / np.sqrt(self.information)
-        batch, parts = max(AT_ONCE // len(self.frequency), 8), [scaled.real.copy(), scaled.imag.copy()]
-        for start in range(0, len(flips), batch):
-            cosine, sine = (np.square(flips[start : start + batch] @ part) for part in parts)
-            out[start : start + batch] = np.max(np.add(cosine, sine, out=cosine), axis=1)
+        scaled, flips = (self.scores / np.sqrt(self.information)).astype(np.complex64), flips.astype(np.float32)
+        for block in (scaled[:, start : start + AT_ONCE] for start in range(0, scaled.shape[1], AT_ONCE)):
+            cosine, sine = (np.square(flips @ part.copy()) for part in (block.real, block.imag))
+            np.maximum(out, np.max(cosine + sine, axis=1), out=out)
         return out
 
 
@@ -295,23 +294,23 @@ def spectrum(
     step = 2.0 * np.pi / (POINTS * top)
     points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step))
-    in_range = (frequency >= lowest) & (frequency <= top)
-    if np.count_nonzero(in_range) < 3:
-        return None
+    in_range = slice(*np.searchsorted(frequency, (lowest, np.nextafter(top, np.inf))))
     frequency = frequency[in_range]
+    if len(frequency) < 3:
+        return None
     back = noise.unwhiten(bins, white) * usable[bins.run]
-    shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=points)
-    scores = np.conj(np.fft.rfft(shared, axis=1)[:, in_range]) / np.sinc(0.5 * frequency * step / np.pi) ** 2
+    shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=int(extent / step) + 2)
+    turn = np.exp(1j * frequency * low[usable].min()) / np.sinc(0.5 * frequency * step / np.pi) ** 2 / scale
+    scores = np.conj(fft.rfft(shared, n=points, axis=1)[:, in_range]) * turn
     information = np.zeros(len(frequency))
     for number in np.flatnonzero(usable):
         places = q[bins.first[number] : bins.first[number] + lengths[number]]
         rho, spread = noise.correlation[number], noise.spread[number]
         power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(places)), frequency) + rho**2
         information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
-    turned = scores * np.exp(1j * frequency * low[usable].min())
     for wave in without:
-        turned[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
-    return Spectrum(key, frequency, turned / scale, information / scale, is_pieces)
+        scores[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
+    return Spectrum(key, frequency, scores, information / scale, is_pieces)
 
 
 def _pieces(bins: JointBins, way: Floats) -> Counts:
@@ -322,12 +321,12 @@ def _pieces(bins: JointBins, way: Floats) -> Counts:
 
 
 def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Floats:
-    """(S, points) values at places between the points of an endless grid of that period, shared out to both sides."""
-    lower = np.floor(place).astype(np.int64)
-    part, row, many = place - lower, piece * points, int(piece[-1] + 1) * points
-    out = np.bincount(row + lower % points, values * (1.0 - part), minlength=many)
-    out += np.bincount(row + (lower + 1) % points, values * part, minlength=many)
-    return np.asarray(out.reshape(-1, points), dtype=np.float64)
+    """(S, points) values at places between the points of a grid, shared out to both sides; what is off it is zero."""
+    lower = np.clip(np.floor(place), 0, points - 2).astype(np.int64)
+    part, index = place - lower, piece * points + lower
+    both = np.concatenate([values * (1.0 - part), values * part])
+    out = np.bincount(np.concatenate([index, index + 1]), both, minlength=int(piece[-1] + 1) * points)
+    return out.reshape(-1, points)
 
 
 def _likeness(ways: Floats, frequency: Floats) -> Floats:

@@ -49,7 +49,6 @@ def command(
 
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.io.write import refuse_to_replace
-    from pumaid.reporting.figures.model import diagnosis_figure
     from pumaid.reporting.tables import diagnosis_parts, history_table
     from pumaid.results.history import ladder_of
 
@@ -71,11 +70,14 @@ def command(
         tables(ladder, Group(*diagnosis_parts(diagnosis, robot, units=request.units)))
     if is_written:
         remark(f"diagnosis written to {path}")
-    drawing = diagnosis_figure(diagnosis, robot, request.units) if request.picture is not None else None
-    if request.picture is not None and drawing is not None:
-        write_picture(request.picture, drawing)
-    elif request.picture is not None:
-        remark(f"nothing was found that could be drawn: {request.picture} is not written")
+    if request.picture is not None:
+        from pumaid.reporting.figures.model import diagnosis_figure  # waits for matplotlib
+
+        drawing = diagnosis_figure(diagnosis, robot, request.units)
+        if drawing is not None:
+            write_picture(request.picture, drawing)
+        else:
+            remark(f"nothing was found that could be drawn: {request.picture} is not written")
     if plan is not None:
         _write_plan(plan, diagnosis, robot)
     is_missing = bool(diagnosis.findings) or any(joint.verdict != "adequate" for joint in diagnosis.joints)
