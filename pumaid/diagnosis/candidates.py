@@ -326,7 +326,7 @@ def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Flo
     part, index = place - lower, piece * points + lower
     both = np.concatenate([values * (1.0 - part), values * part])
     out = np.bincount(np.concatenate([index, index + 1]), both, minlength=int(piece[-1] + 1) * points)
-    return out.reshape(-1, points)
+    return np.asarray(out.reshape(-1, points), dtype=np.float64)
 
 
 def _likeness(ways: Floats, frequency: Floats) -> Floats:
