@@ -38,8 +38,7 @@ def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.
     """Candidates of a shipped arm in a few random postures, for two drawn robots."""
     robot, rng, blocks = arm(name), np.random.default_rng(1), []
     for joint in range(1, robot.n_joints + 1):
-        varied = [k for k in range(1, robot.n_joints + 1) if k != joint]
-        holds = postures(robot, joint, varied=varied, count=count, rng=rng)[-count:]
+        holds = postures(robot, joint, count=count, rng=rng)[-count:]
         ways = sweeps(robot, joint, speeds(robot, joint, shares))
         blocks += free_blocks(Collision(robot), holds, ways)
     return candidate_information(prior(name).robots[:2], blocks, names=names(robot))

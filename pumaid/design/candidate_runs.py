@@ -140,13 +140,10 @@ def _passed(*stops: float) -> tuple[float, ...]:
     return tuple(stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9)
 
 
-def postures(robot: Robot, joint: int, *, varied: Sequence[int], count: int, rng: np.random.Generator) -> Floats:
-    """(K, J) postures, rad or m, in which one joint may run: home and `count` random ones, without repeats.
-
-    Only the joints `varied` (from 1) differ from home.
-    """
+def postures(robot: Robot, joint: int, *, count: int, rng: np.random.Generator) -> Floats:
+    """(K, J) postures, rad or m, in which one joint may run: home and `count` random ones, without repeats."""
     holds = np.tile(home(robot), (count + 1, 1))
-    for axis in (robot.joint(number) for number in varied if number != joint):
+    for axis in (axis for axis in robot.joints if axis.number != joint):
         (low, high), middle = span(axis), holds[0, axis.number - 1]
         grid = np.round(np.linspace(low, high, 5), 4)
         if axis.is_revolute:

@@ -45,8 +45,8 @@ SPEEDS, SLOW, SLOWER = 9, 0.02, 0.5
 MEASURED, DRAWN, TRIED, CAUTION, SHAPES = 5, 9, 160, 1.15, 40
 #: Bins of a run; of a wave of a periodic effect, and at most.
 BINS, A_WAVE, MOST_BINS = 40, 4, 512
-#: Sets of runs that a plan holds at most, and sizes of an effect (SI) that it is made for.
-_MOST_SETS, _LEAST, _LARGEST = 12, 1e-12, 1e9
+#: Sizes of an effect (SI) that a plan is made for.
+_LEAST, _LARGEST = 1e-12, 1e9
 #: Samples a second and bins a run of a rehearsal.
 _RATE, _BINS = 50.0, 60
 #: Ridge on scaled information; share of the worth of a set that is rounding.
@@ -116,7 +116,8 @@ def plan_for_effect(
                 notes.append(Note("plan-decided", f"{text}, decisive from {DECISIVE:g}); a smaller one needs more"))
     if runs is None or not runs.motions:
         raise ModelError("plan-undecided", f"no run within the limits {title}", mend=mend)
-    return _plan(base or Plan(robot.name, ()), runs, robot, title=title, notes=notes)
+    plan = extended(base or Plan(robot.name, ()), [(title, runs)], robot)
+    return replace(plan, notes=(*plan.notes, *notes))
 
 
 def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
@@ -135,20 +136,16 @@ def usual(truth: Truth, wanted: EffectChoice, size: float | None = None) -> Hidd
 
     None where the simulator has no such effect and no size is given.
     """
-    values: Mapping[str, float] = {}
-    if wanted.effect in LAWS:
-        with suppress(ModelError):
-            values = truth.hiding([Hidden(wanted.effect, wanted.joint, dict(wanted.shape))]).hidden[0].values
     if size is not None and not _LEAST <= abs(size) <= _LARGEST:
         what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
         raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
-    if size is not None:
-        effect, joint = catalogue()[wanted.effect], wanted.joint or 0
-        first = effect.parameters(truth.robot, joint)[0].name
-        shapes = {shape.name for shape in effect.shapes(truth.robot, joint)}
-        share = size / values[first] if values.get(first) else 1.0
-        values = {name: value if name in shapes else share * value for name, value in values.items()} | {first: size}
-    return Hidden(wanted.effect, wanted.joint, dict(values)) if values else None
+    first = catalogue()[wanted.effect].parameters(truth.robot, wanted.joint or 0)[0].name
+    given = {} if size is None else {first: size}
+    hidden = Hidden(wanted.effect, wanted.joint, {**wanted.shape, **given})
+    if wanted.effect in LAWS:
+        with suppress(ModelError):
+            return truth.hiding([hidden]).hidden[0]
+    return hidden if given else None
 
 
 def _trial(solved: Fit, choice: EffectChoice) -> ScoreTest | None:
@@ -160,29 +157,26 @@ def _trial(solved: Fit, choice: EffectChoice) -> ScoreTest | None:
     return refine_shape(projector, max(trials, key=lambda trial: trial.statistic)) if trials else None
 
 
-def _plan(base: Plan, added: NextRun, robot: Robot, *, title: str, notes: Sequence[Note]) -> Plan:
-    """The runs as often as it takes, on top of the experiment that was rehearsed."""
-    sets = min(added.repeats or 1, _MOST_SETS)
-    longer = replace(base, motions=(*base.motions, *(added.motions * sets)), efficiency=None)
-    holds = dict.fromkeys((motion.joint, motion.hold) for motion in added.motions)
-    times = f"made {sets} times" if sets > 1 else "made once"
-    sentence = f"A set of {len(added.motions)} runs, {times}, {title}: {added.text}."
-    return replace(
-        longer,
-        postures=(*base.postures, *(Posture(joint, hold, (), f"{title}: {added.text}") for joint, hold in holds)),
-        duration=duration(robot, longer),
-        assumptions=(*base.assumptions, sentence),
-        notes=(*base.notes, *notes),
-    )
+def extended(base: Plan, sets: Sequence[tuple[str, NextRun]], robot: Robot) -> Plan:
+    """A plan with sets of runs on top of it, each as often as it takes, and in words what each does."""
+    motions, postures, assumptions = list(base.motions), list(base.postures), list(base.assumptions)
+    for title, run in sets:
+        often, why = run.repeats or 1, f"{title}: {run.text}"
+        motions += run.motions * often
+        holds = dict.fromkeys((motion.joint, motion.hold) for motion in run.motions)
+        postures += [Posture(joint, hold, (), why) for joint, hold in holds]
+        times = f"made {often} times" if often > 1 else "made once"
+        assumptions.append(f"A set of {len(run.motions)} runs, {times}, {why}.")
+    texts = {"postures": tuple(postures), "assumptions": tuple(assumptions)}
+    longer = replace(base, motions=tuple(motions), efficiency=None, **texts)
+    return replace(longer, duration=duration(robot, longer))
 
 
 def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
     """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where none has."""
-    decided = [(finding, finding.next_run) for finding in findings if finding.next_run and finding.next_run.motions]
-    motions = tuple(motion for _, run in decided for motion in run.motions * (run.repeats or 1))
-    reasons = [f"tells {finding.effect} from {', '.join(finding.rivals)}: {run.text}" for finding, run in decided]
-    plan = Plan(robot.name, motions, assumptions=tuple(reasons))
-    return replace(plan, duration=duration(robot, plan))
+    decided = [(item, item.next_run) for item in findings if item.next_run and item.next_run.motions]
+    sets = [(f"tells {item.effect} from {', '.join(item.rivals)}", run) for item, run in decided]
+    return extended(Plan(robot.name, ()), sets, robot)
 
 
 def deciding(fit: Fit, first: ScoreTest, second: ScoreTest) -> NextRun:
@@ -294,8 +288,7 @@ class Separation:
 
     def gains(self, counts: Floats) -> Floats:
         """(M,) twice the log likelihood that the rival loses when candidates are made `counts` (M, L) times."""
-        parts = np.array_split(np.vstack([0 * counts[:1], counts]), 8)
-        squares = np.concatenate([self._squares(part) for part in parts])
+        squares = self._squares(np.vstack([0 * counts[:1], counts]))
         return np.asarray(np.maximum(squares[1:] - squares[0], 0.0) / self.scale)
 
     def _squares(self, counts: Floats) -> Floats:
@@ -312,8 +305,7 @@ class Separation:
             return np.asarray(square)
         places = 1 + np.arange(len(self.data) - p - 1).reshape(self.shapes, -1)
         gram = beyond[:, places[:, :, None], places[:, None, :]]
-        before = total[:, p:, p:][:, places, places]
-        is_seen = np.einsum("mspp->msp", gram) > ABSORBED * before
+        is_seen = np.einsum("mspp->msp", gram) > ABSORBED * total[:, p:, p:][:, places, places]
         gram = gram * (is_seen[..., None] & is_seen[..., None, :]) + np.eye(gram.shape[2]) * ~is_seen[..., None]
         score = np.where(is_seen, beyond[:, places, 0], 0.0)[..., None]
         explained = (score * np.linalg.solve(gram, score)).sum(axis=(2, 3))
@@ -343,10 +335,9 @@ def _best_set(
     """
     terms, robot = [truth for truth, *_ in pairs], fit.model.robot
     moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
-    tables = [candidates(fit, joint) for joint in moved]
+    tables, waves = [candidates(fit, joint) for joint in moved], [0.0]
     tried = [candidate for table, _ in tables for candidate in table]
     new = frozenset(hold for _, holds in tables for hold in holds)
-    waves = [0.0]
     for term in (term for term in terms if term.effect.periodic is not None and term.joint is not None):
         width = np.ptp(fit.row(term.number).bins.samples.position[:, term.number - 1])
         waves.append(float(term.shape[str(term.effect.periodic)] * width / (2.0 * np.pi)))
@@ -392,11 +383,16 @@ def _explored(fit: Fit) -> Robot:
     """The arm, with the range and the highest speed that the data show where the recipe states none."""
     robot = fit.model.robot
     position = np.vstack([row.bins.samples.position for row in fit.joints])
+    low, high = position.min(axis=0).tolist(), position.max(axis=0).tolist()
     fastest = {row.bins.joint: max(abs(run.speed) for run in row.bins.runs) for row in fit.joints}
-    joints = []
-    for joint, low, high in zip(robot.joints, position.min(axis=0), position.max(axis=0), strict=True):
-        limits = (float(low), float(high)) if joint.limits is None and high > low else joint.limits
-        joints.append(replace(joint, limits=limits, max_velocity=joint.max_velocity or fastest.get(joint.number)))
+    joints = [
+        replace(
+            joint,
+            limits=joint.limits or (low[joint.number - 1], high[joint.number - 1]),
+            max_velocity=joint.max_velocity or fastest.get(joint.number),
+        )
+        for joint in robot.joints
+    ]
     return replace(robot, joints=tuple(joints))
 
 
@@ -415,13 +411,8 @@ def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]
     ways = list(dict.fromkeys(way for speed in sorted(widest) for way in (widest[speed], handy[speed])))
     groups = sorted(bins.postures, key=lambda group: (-len(group), group[0]))[:MEASURED]
     held = np.round(bins.samples.position[bins.first[[group[0] for group in groups]]], 4)
-    held = np.clip(held, *np.transpose([arm.limits or (-np.inf, np.inf) for arm in robot.joints]))
-    moved = [arm.number for arm in robot.joints if arm.limits is not None and arm.number != joint]
-    rng = np.random.default_rng([41, joint])
-    drawn = postures(robot, joint, varied=moved, count=DRAWN, rng=rng)[-DRAWN:] if moved else held[:0]
-    still = [k for k in range(robot.n_joints) if k + 1 not in moved]
-    drawn[:, still] = held[0, still]
-    holds = np.vstack([held, drawn])
+    held = np.clip(held, *np.transpose([arm.limits or (0.0, 0.0) for arm in robot.joints]))
+    holds = np.vstack([held, postures(robot, joint, count=DRAWN, rng=np.random.default_rng([41, joint]))])
     holds[:, joint - 1] = home(robot)[joint - 1]
     been = {tuple(hold) for hold in holds[: len(held)].tolist()}
     return free_blocks(Collision(robot), holds, ways), {tuple(hold) for hold in holds.tolist()} - been

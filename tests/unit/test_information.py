@@ -8,8 +8,14 @@ import pytest
 from menus import prior, small_set
 from paper_recursion import gravity_current
 
-from pumaid.design.exchange import Criterion, continuous_design
-from pumaid.design.information import gravity_names, gravity_slopes, predicted_errors, run_moments
+from pumaid.design.information import (
+    Criterion,
+    continuous_design,
+    gravity_names,
+    gravity_slopes,
+    predicted_errors,
+    run_moments,
+)
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Noise, draw, table1
 from pumaid.trajectory import Motion
