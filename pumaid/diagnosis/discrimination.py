@@ -167,9 +167,8 @@ def extended(base: Plan, sets: Sequence[tuple[str, NextRun]], robot: Robot) -> P
         postures += [Posture(joint, hold, (), why) for joint, hold in holds]
         times = f"made {often} times" if often > 1 else "made once"
         assumptions.append(f"A set of {len(run.motions)} runs, {times}, {why}.")
-    texts = {"postures": tuple(postures), "assumptions": tuple(assumptions)}
-    longer = replace(base, motions=tuple(motions), efficiency=None, **texts)
-    return replace(longer, duration=duration(robot, longer))
+    longer = replace(base, motions=tuple(motions), postures=tuple(postures), assumptions=tuple(assumptions))
+    return replace(longer, duration=duration(robot, longer), efficiency=None)
 
 
 def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
