@@ -52,13 +52,8 @@ def ground(name: str) -> Plan:
 
 
 def sized(name: str, effect: str, joint: int | None, size: float) -> Hidden:
-    """An effect whose first parameter is `size`, others in proportion, shapes as usual."""
-    robot, law = ARMS[name], catalogue()[effect]
-    truth = prior_robots(robot, seed=3).robots[0]
-    values = usual(truth, EffectChoice(effect, joint)).values
-    shapes = {one.name for one in law.shapes(robot, joint or 0)}
-    share = size / values[law.parameters(robot, joint or 0)[0].name]
-    return Hidden(effect, joint, {key: (one if key in shapes else share * one) for key, one in values.items()})
+    """An effect whose first parameter is `size`, the rest as usual."""
+    return usual(prior_robots(ARMS[name], seed=3).robots[0], EffectChoice(effect, joint), size)
 
 
 def statistic(name: str, hidden: Hidden, made: Plan, seed: int) -> float:
