@@ -193,22 +193,12 @@ def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fix
     return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 
 
-def parse_effect(text: str, robot: Robot, *, option: str = "--add") -> EffectChoice:
-    """A choice as `read_choice` reads it, checked, angles in rad.
-
-    Raises ModelError (unknown-effect, effect-joint, effect-shape, effect-twice) with the nearest right name.
-    """
-    choice = read_choice(text, robot, option)
-    _at_joints(choice, robot, Where(field=f"{option} {text}"))
-    return choice
-
-
 def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = ()) -> tuple[EffectChoice, ...]:
     """The recipe's effects without those that `remove` names and with those that `add` does, one joint each.
 
-    `add` is as `parse_effect` reads it; `remove` is ``EFFECT``, ``EFFECT@JOINT`` or ``all``. Raises ModelError
-    (effect-not-there, effect-twice, or one of `parse_effect`) where a choice is wrong, cannot act there, is in the
-    model already, or cannot be taken out.
+    `add` is as `read_choice` reads it; `remove` is ``EFFECT``, ``EFFECT@JOINT`` or ``all``. Raises ModelError
+    (effect-not-there, or one of `expanded`) where a choice is wrong, cannot act there, is in the model already, or
+    cannot be taken out.
     """
     choices = expanded(robot.effects, robot)
     for text in remove:
@@ -220,17 +210,18 @@ def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = 
             there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices) or "none"
             what, where = f"the model would not have {text} anyway", Where(field=f"--remove {text}")
             raise ModelError("effect-not-there", what, where, f"the recipe switches on: {there}")
-    return expanded([*choices, *(parse_effect(text, robot) for text in add)], robot)
+    return expanded([*choices, *(read_choice(text, robot, "--add") for text in add)], robot, option="--add")
 
 
-def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoice, ...]:
+def expanded(choices: Sequence[EffectChoice], robot: Robot, *, option: str = "effect") -> tuple[EffectChoice, ...]:
     """Each choice at one joint or of the whole arm; a choice for all joints becomes one a joint where it can act.
 
-    Raises ModelError (unknown-effect, effect-joint, effect-shape, effect-twice) where one is wrong or cannot act there.
+    Raises ModelError (unknown-effect, effect-joint, effect-shape, effect-twice) where one is wrong or cannot act there;
+    `option` says where it was typed if not in the recipe.
     """
     out: list[EffectChoice] = []
     for choice in choices:
-        where = Where(joint=choice.joint, field=f"effect {choice.effect}")
+        where = Where(joint=choice.joint, field=f"{option} {choice.effect}")
         for index, listed in enumerate(robot.effects):
             if listed is choice:
                 line = robot.effect_lines[index] if robot.effect_lines else None
@@ -249,11 +240,10 @@ def expanded(choices: Sequence[EffectChoice], robot: Robot) -> tuple[EffectChoic
 
 def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
     """The choice, checked; an effect of joints with its joint (named after `option`), one of the whole arm without."""
-    where = Where(field=f"{option} {choice.effect}")
-    if known_effect(choice.effect, where).scope is not Scope.ARM and choice.joint is None:
+    if choice.joint is None and known_effect(choice.effect, Where(field=option)).scope is not Scope.ARM:
         what = f"{choice.effect} acts at one joint at a time, and none is named"
-        raise ModelError("effect-joint", what, where, f"write {choice.effect}@3")
-    return expanded([choice], robot)[0]
+        raise ModelError("effect-joint", what, Where(field=f"{option} {choice.effect}"), f"write {choice.effect}@3")
+    return expanded([choice], robot, option=option)[0]
 
 
 def known_effect(name: str, where: Where) -> Effect:

@@ -47,9 +47,9 @@ def make_plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tel
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design.plan import check_plan, plan
     from pumaid.diagnosis.discrimination import plan_for_effect
-    from pumaid.effect_spec import parse_effect
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import read_plan
+    from pumaid.robot import read_choice
 
     given = None if options["check"] is None else read_plan(options["check"], robot)
     prior = None if options["prior"] is None else Experiment(recipe=recipe).model(options["prior"])
@@ -66,8 +66,8 @@ def make_plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tel
     beside, logs = Experiment(recipe=recipe).recipe_path, options["logs"]
     return plan_for_effect(
         robot,
-        parse_effect(options["for"], robot, option="--for"),
-        against=options["against"] and parse_effect(options["against"], robot, option="--against"),
+        read_choice(options["for"], robot, "--for"),
+        against=options["against"] and read_choice(options["against"], robot, "--against"),
         size=options["size"],
         whole=whole,
         dataset=Experiment(logs, beside).dataset() if logs else None,

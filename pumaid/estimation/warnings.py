@@ -30,12 +30,9 @@ FEWEST, DISOWNED = 8, 4.0
 ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
 #: Standard deviation of normal values over the median of their deviations.
 SCATTER = 1.4826
-#: Multiple of the usual variance inside a bin beyond which their mean is one of outliers.
-SPIKY = 10.0
-#: Bins from which a run's own outliers are found, and samples of a bin from which its variance has a shape of its own.
-ENOUGH, FULL = 24, 8
-#: Median of the square of a normal deviate.
-ONE_FREEDOM = 0.455
+#: Multiple of the usual variance of a bin beyond which their mean is one of outliers (normal noise has 2.2 at most);
+#: bins from which a run's own outliers are found.
+SPIKY, ENOUGH = 15.0, 24
 #: Singular values below this share of the largest are left out where one file is fitted by itself.
 _RCOND = 1e-3
 #: Replicates of a joint that show a change, and the p-value below which it is one.
@@ -232,19 +229,16 @@ def _spikes(bins: JointBins) -> list[float]:
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
+    residual = np.split(_beside_harmonics(bins)[0], bins.first[1:])
+    inside = np.split(bins.inside, bins.first[1:])
     long = np.flatnonzero(~bins.accelerates & (bins.lengths >= ENOUGH))
-    series = (bins.count, bins.inside, _beside_harmonics(bins)[0])
-    counts, inside, residual = (np.split(values, bins.first[1:]) for values in series)
-    full = [inside[n] for n in long if np.median(counts[n]) >= FULL]
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
-    between = [np.diff(residual[n], n=3) ** 2 / 20.0 for n in long]
-    for squares, of_mean in ((full, 1.0), (between, ONE_FREEDOM)):
-        usual = np.array([np.median(part) for part in squares])
-        mean = np.array([np.mean(part) for part in squares])
-        usual, mean = usual[usual > 0.0] / of_mean, mean[usual > 0.0]
-        if len(usual) >= FEWEST and np.median(mean / usual) > SPIKY:
-            return [float(np.sqrt(np.median(usual))), float(np.sqrt(mean.mean()))]
-    return []
+    squares = [np.diff(residual[n], n=3) ** 2 / 20.0 + inside[n][3:] for n in long]
+    usual, mean = (np.array([part(values) for values in squares]) for part in (np.median, np.mean))
+    is_noisy = usual > 0.0
+    if np.count_nonzero(is_noisy) < FEWEST or np.median(mean[is_noisy] / usual[is_noisy]) <= SPIKY:
+        return []
+    return [float(np.sqrt(np.median(usual[is_noisy]))), float(np.sqrt(mean[is_noisy].mean()))]
 
 
 def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]]) -> Iterator[Note]:
