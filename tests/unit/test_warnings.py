@@ -51,7 +51,7 @@ def test_a_joint_without_any_load_has_no_misfit(tmp_path):
 
 #: Slugs, one of which tells -> what is wrong with a column.
 SIGNALS = {
-    "current-copied": lambda table: table.assign(i2=table.i1),
+    "current-unmeasured": lambda table: table.assign(i2=table.i1),
     "clock-jitter": lambda table: table.assign(t=table.t + 0.01 * (table.index % 2)),
     "model-misses logs-disagree": lambda table: table.assign(i1=table.i1.abs()),
     # One sample in a hundred is far off: noise floor and misfit grow alike, and still it is said.
