@@ -7,19 +7,23 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from pumaid import __version__
+from pumaid.dataset import Dataset, load_dataset, save_dataset
 from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where, listed
+from pumaid.io.paths import LogPath, chosen_logs, expand, is_remote
+from pumaid.io.plan_file import find_plan, read_plan
+from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes
+from pumaid.io.write import write_file
+from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
+from pumaid.preprocessing.hold_out import hold_out, match_with_plan
+from pumaid.robot import Robot
 
 if TYPE_CHECKING:
-    from pumaid.dataset import Dataset
     from pumaid.estimate import Estimate
-    from pumaid.io.paths import LogPath
-    from pumaid.preprocessing.binning import SegmentOptions
-    from pumaid.robot import Robot
 
 #: Of an experiment's folder: the logs, the current model, and the dataset that commands share.
 LOGS, MODEL, DATASET = "logs", "results/model.json", "dataset.npz"
@@ -50,9 +54,6 @@ class Experiment:
     @cached_property
     def recipe_path(self) -> Path:
         """Where the recipe is."""
-        from pumaid.io.paths import expand
-        from pumaid.io.recipe import find_recipe
-
         try:
             return find_recipe(self.recipe, [Path(log) for log in self.logs])
         except RecipeError:
@@ -62,8 +63,6 @@ class Experiment:
     @property
     def folder(self) -> Path:
         """The folder of the recipe, and so of plan and results; for a shipped recipe the working folder."""
-        from pumaid.io.recipe import shipped_recipes
-
         shipped = {recipe.resolve() for recipe in shipped_recipes().values()}
         return Path() if self.recipe_path.resolve() in shipped else self.recipe_path.parent
 
@@ -75,8 +74,6 @@ class Experiment:
     @cached_property
     def robot(self) -> Robot:
         """The recipe's arm."""
-        from pumaid.io.recipe import read_recipe
-
         return read_recipe(self.recipe_path)
 
     def model(self, path: Path) -> Estimate:
@@ -105,11 +102,6 @@ class Experiment:
         dataset
             Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
         """
-        from pumaid.io.paths import chosen_logs, expand
-        from pumaid.io.plan_file import find_plan, read_plan
-        from pumaid.preprocessing.binning import DEFAULTS
-        from pumaid.preprocessing.hold_out import hold_out, match_with_plan
-
         chosen = replace(options or DEFAULTS, cell=self.cell)
         paths = expand(self.logs)
         plan = find_plan([self.folder])
@@ -139,9 +131,6 @@ class Experiment:
 
         These are logs, recipe, the plan beside it, and `inputs`, such as the model.
         """
-        from pumaid.io.paths import expand, is_remote
-        from pumaid.io.plan_file import find_plan
-
         paths = [*inputs]
         # What is not there is told when it is read, with more to say about it.
         with suppress(PumaidError):
@@ -166,16 +155,13 @@ def check_logs(estimate: Estimate, dataset: Dataset, *, trust: bool = False) -> 
 def dataset_inputs(robot: Robot, plan: Path | None = None, **options: Any) -> dict[str, Any]:
     """What a dataset depends on beside the logs, as JSON can hold it: of a recipe, name, joints and the log block."""
     recipe = hashlib.sha256(repr((robot.name, robot.joints, robot.log)).encode()).hexdigest()
-    program = f"pumaid {__version__} {_program()}"
-    return {"program": program, "recipe": recipe, "plan": plan and _digest(plan), "options": options}
+    return {"program": f"pumaid {__version__}", "recipe": recipe, "plan": plan and _digest(plan), "options": options}
 
 
 def read_dataset(
     path: Path, logs: Sequence[LogPath], made_from: Mapping[str, Any], *, tell: Callable[[str], None]
 ) -> Dataset | None:
     """The dataset of `logs` that `keep_dataset` wrote; None, and `tell` hears why, where it must be made anew."""
-    from pumaid.dataset import load_dataset
-
     if not path.exists():
         return None
     try:
@@ -192,26 +178,13 @@ def read_dataset(
 
 def keep_dataset(path: Path, dataset: Dataset, made_from: Mapping[str, Any], *, tell: Callable[[str], None]) -> None:
     """Write the dataset for the next command; `tell` hears of it, and of a disk that refuses."""
-    from pumaid.dataset import save_dataset
-    from pumaid.io.write import write_file
-
     content = io.BytesIO()
     save_dataset(content, dataset, {**made_from, "logs": {facts.name: facts.digest for facts in dataset.files}})
     try:
         write_file(path, content.getvalue())
+        tell(f"dataset written to {path}")
     except ResultError as error:
         tell(f"the dataset is not kept for the next command: {error.what}")
-    else:
-        tell(f"dataset written to {path}")
-
-
-@cache
-def _program() -> str:
-    """Digest of the program: while pumaid is worked on its version stays the same and its files do not."""
-    whole = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
-        whole.update(source.read_bytes())
-    return whole.hexdigest()[:16]
 
 
 def _digest(path: LogPath) -> str:

@@ -1,22 +1,20 @@
 """Logs to a dataset: a file is a task on any executor (processes, a Dask cluster); results are merged in order."""
 
 import logging
-import math
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
-from itertools import repeat
 from typing import Any, TypeVar
 
 from pumaid import __version__
-from pumaid.dataset import Dataset, FileFacts, Reject, Run
-from pumaid.errors import Faults, LogError, Note, PumaidError, Where
+from pumaid.dataset import Dataset, FileFacts
+from pumaid.errors import LogError, Note, PumaidError, Where, listed, refuse
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
@@ -28,7 +26,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 #: Notes of one kind that are printed in full, and copies of files that are named.
-MOST_ALIKE, MOST_COPIES = 3, 5
+MOST_ALIKE = 3
 #: Files whose results may wait for an earlier one's: memory stays bounded.
 MOST_WAITING = 64
 #: Processes at most where nobody says how many.
@@ -63,19 +61,14 @@ def ingest(
         A file cannot be read, no file has a row, or the columns cannot mean what the recipe says.
     """
     work = partial(read_file, robot=robot, options=options, extra=tuple(extra))
-    total = LogStatistics(robot)
-    faults: list[LogError] = []
-
-    def checked() -> Iterator[Dataset]:
-        for done, (part, sums) in enumerate(in_order(work, paths, executor), start=1):
-            faults.extend(item for item in findings(sums) if isinstance(item, LogError))
-            total.absorb(sums)
-            progress(done)
-            yield part
-
-    dataset = _merged(checked())
+    total, dataset, faults = LogStatistics(robot), Dataset(()), []
+    for done, (part, sums) in enumerate(in_order(work, paths, executor), start=1):
+        dataset = _joined(dataset, part)
+        faults += [item for item in findings(sums) if isinstance(item, LogError)]
+        total.absorb(sums)
+        progress(done)
     if not any(facts.rows for facts in dataset.files):
-        what = f"no log has a row of numbers ({', '.join(facts.name for facts in dataset.files[:3])})"
+        what = f"no log has a row of numbers ({listed([facts.name for facts in dataset.files], 3)})"
         raise LogError("empty-log", what, Where(file=dataset.files[0].name), "record again, or name other files")
     of_all = findings(total)
     # What all logs show needs no message a file; what one file shows may drown in the others.
@@ -96,80 +89,55 @@ def read_file(
 
 
 def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:
-    """Results of tasks in their order, by an executor or this process; a task whose worker dies is done here."""
+    """Results of tasks in their order, by an executor or this process; what is lost with a worker is done here."""
     for k in range(0, len(tasks), MOST_WAITING):
-        batch = tasks[k : k + MOST_WAITING]
-        futures: list[Future[Result] | None] = []
-        with suppress(RuntimeError):  # its workers died, or the connection to them
-            futures.extend(executor.submit(work, task) if executor else None for task in batch)
-        futures += [None] * (len(batch) - len(futures))
-        yield from map(_result, repeat(work), batch, futures)
+        batch, done = tasks[k : k + MOST_WAITING], 0
+        try:
+            for result in (executor.map if executor else map)(work, batch):
+                done += 1
+                yield result
+        except Exception as error:
+            is_lost = isinstance(error, BrokenExecutor | CancelledError)
+            if not executor or not (is_lost or type(error).__module__.startswith("distributed.")):
+                raise
+        yield from map(work, batch[done:])
 
 
-def _result(work: Callable[[Task], Result], task: Task, future: Future[Result] | None) -> Result:
-    try:
-        return future.result() if future else work(task)
-    except Exception as error:
-        is_lost = isinstance(error, BrokenExecutor | CancelledError)
-        if future and (is_lost or type(error).__module__.startswith("distributed.")):
-            return work(task)
-        raise
-
-
-def _merged(parts: Iterable[Dataset]) -> Dataset:
-    """The files' datasets as one; recordings are counted through all files."""
-    whole, recordings, last_time = Dataset(()), 0, -math.inf
-    runs: list[Run] = []
-    rejects: list[Reject] = []
-    files: list[FileFacts] = []
-    notes: list[Note] = []
-    for part in parts:
-        filled = [facts for facts in part.files if facts.rows]
-        recordings += bool(filled) and not filled[0].first_time > last_time
-        last_time = filled[-1].last_time if filled else last_time
-        runs = bounded(runs + [replace(run, clock=run.clock + recordings) for run in part.runs])
-        rejects += [replace(reject, clock=reject.clock + recordings) for reject in part.rejects]
-        recordings = max([recordings, *(run.clock for run in runs[-1:]), *(reject.clock for reject in rejects[-1:])])
-        files += part.files
-        notes += part.notes
-        whole = part
-    return Dataset(tuple(runs), tuple(rejects), tuple(files), tuple(notes), whole.extra)
+def _joined(whole: Dataset, part: Dataset) -> Dataset:
+    """Two files' datasets as one; the second's recordings are counted on, and begin anew where its time does."""
+    before, now = ([facts for facts in dataset.files if facts.rows] for dataset in (whole, part))
+    last = max([0, *(run.clock for run in whole.runs[-1:]), *(reject.clock for reject in whole.rejects[-1:])])
+    last += bool(before and now) and not now[0].first_time > before[-1].last_time
+    runs = [*whole.runs, *(replace(run, clock=run.clock + last) for run in part.runs)]
+    rejects = (*whole.rejects, *(replace(reject, clock=reject.clock + last) for reject in part.rejects))
+    return Dataset(tuple(bounded(runs)), rejects, (*whole.files, *part.files), (*whole.notes, *part.notes), part.extra)
 
 
 def _copies(files: Sequence[FileFacts]) -> list[LogError]:
     """Files that are the same, byte for byte: counted as two they make errors too small by the root of two."""
     first: dict[str, str] = {}
     filled = [facts for facts in files if facts.rows and facts.digest]
-    copies = [facts for facts in filled if first.setdefault(facts.digest, facts.name) != facts.name]
-    more = f" (and {len(copies) - MOST_COPIES} more such files)" if len(copies) > MOST_COPIES else ""
-    faults = []
-    for facts in copies[:MOST_COPIES]:
-        what = f"{facts.name} is a copy of {first[facts.digest]}{more}: counted twice, errors would come out too small"
-        faults.append(LogError("log-doubled", what, Where(file=facts.name), "leave one of the two out"))
-    return faults
+    copies = [facts.name for facts in filled if first.setdefault(facts.digest, facts.name) != facts.name]
+    pairs = [f"{facts.name} is a copy of {first[facts.digest]}" for facts in filled if facts.name in copies]
+    more = f" ... ({len(pairs)} in all)" if len(pairs) > MOST_ALIKE else ""
+    what = f"{'; '.join(pairs[:MOST_ALIKE])}{more}: counted twice, errors would come out too small"
+    return [LogError("log-doubled", what, Where(file=copies[0]), "leave one of the two out")] if copies else []
 
 
 def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
     """Faults are raised, or become notes where the user trusts the logs."""
-    if faults and not trust:
-        raise faults[0] if len(faults) == 1 else Faults(faults)
+    refuse([] if trust else faults)
     return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults]
 
 
 def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
-    """Of each kind of notes on files the first few, equal texts once, and how many more there are."""
-    alike: dict[str, dict[str, list[Note]]] = {}
-    for note in notes:
-        alike.setdefault(note.slug, {}).setdefault(note.text, []).append(note)
-    for slug, by_text in alike.items():
-        first = [same[0] for same in by_text.values()]
-        for note in first[:MOST_ALIKE]:
-            count = len(by_text[note.text]) - 1
-            yield replace(note, text=f"{note.text}; the same in {count} more files") if count else note
-        rest = [str(note.where.file) for note in first[MOST_ALIKE:]]
+    """Of each kind of notes on files the first few, and on which there are more."""
+    for slug in dict.fromkeys(note.slug for note in notes):
+        alike = [note for note in notes if note.slug == slug]
+        yield from alike[:MOST_ALIKE]
+        rest = [str(note.where.file) for note in alike[MOST_ALIKE:]]
         if rest:
-            more = " ..." if len(rest) > MOST_ALIKE else ""
-            yield Note(slug, f"{len(rest)} more notes of this kind, on {', '.join(rest[:MOST_ALIKE])}{more}")
+            yield Note(slug, f"{len(rest)} more notes of this kind, on {listed(rest, MOST_ALIKE)}")
 
 
 @contextmanager
@@ -205,9 +173,7 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
     Raises
     ------
     LogError [no-cluster]
-        Dask is not installed, or no scheduler answers at the address.
-    LogError [cluster-differs]
-        The scheduler or a worker has no pumaid, or another version.
+        Dask is not installed, no scheduler answers at the address, or it or a worker has no pumaid or another version.
     """
     where = Where(field=f"--dask {address}")
     try:
@@ -229,10 +195,10 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
             what = f"no scheduler answers at {address}: {(str(error) or type(error).__name__).splitlines()[0][:200]}"
             mend = "start one with 'dask scheduler', or give --dask local"
             raise LogError("no-cluster", what, where, mend) from error
-        for name, place in {"the scheduler": versions["scheduler"], **versions["workers"]}.items():
-            version = place["packages"].get("pumaid")
-            if version != __version__:
-                what = f"{name} has {f'pumaid {version}' if version else 'no pumaid'}, this is pumaid {__version__}"
-                mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
-                raise LogError("cluster-differs", what, where, mend)
+        places = (versions["scheduler"], *versions["workers"].values())
+        others = sorted({str(place["packages"].get("pumaid")) for place in places} - {__version__})
+        if others:
+            what = f"scheduler or workers have pumaid {listed(others)}, this is pumaid {__version__}"
+            mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
+            raise LogError("no-cluster", what, where, mend)
         yield client.get_executor(pure=False)
