@@ -50,16 +50,11 @@ class Log:
 
     @classmethod
     def joined(cls, logs: Sequence[Log]) -> Log:
-        """Consecutive batches of one file as one; a quantity that some of them lack is NaN there."""
+        """Consecutive batches of one file, of the same quantities, as one."""
         if len(logs) == 1:
             return logs[0]
-        arrays: dict[str, Any] = {}
-        for name in _SAMPLED:
-            parts = [getattr(log, name) for log in logs]
-            width = next((part.shape[1:] for part in parts if part is not None), None)
-            if width is not None:
-                empty = (np.full((len(log), *width), np.nan) for log in logs)
-                arrays[name] = np.concatenate([e if p is None else p for e, p in zip(empty, parts, strict=True)])
+        names = [name for name in _SAMPLED if getattr(logs[0], name) is not None]
+        arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
         return replace(logs[0], **arrays)
 
 

@@ -189,13 +189,3 @@ def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:
     first, last = run.cruise
     begin, end = run.at(np.array([first, last]))[0][:, motion.joint - 1].tolist()
     return (begin, end), last - first
-
-
-def run_times(robot: Robot, plan: Plan) -> Floats:
-    """(M, 2) s at which each run of the plan begins and ends, its ramps included, counted from the first rest."""
-    clock, times = 0.0, []
-    for trapezoid in trapezoids(robot, plan):
-        if trapezoid.motion is not None:
-            times.append((clock + trapezoid.lead, clock + trapezoid.seconds - REST))
-        clock += trapezoid.seconds
-    return np.array(times).reshape(-1, 2)

@@ -40,10 +40,8 @@ def factor(unit: str) -> float:
 
 def number(value: float, digits: int = 4) -> str:
     """A number for people: `digits` significant digits, no exponent where it can be avoided."""
-    if value == 0.0:
-        return "0"
-    if not math.isfinite(value):
-        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value + 0.0:g}"
     if 1e-4 <= abs(value) < 1e6:
         places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
         return f"{value:.{places}f}"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, mean_times, spans
-from pumaid.errors import PumaidError, Where
+from pumaid.errors import PumaidError, Where, listed
 from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.differentiate import Ticks, averaging_kernel, cubic_window, slopes, velocity
 from pumaid.rigid_body import RigidBody
@@ -67,8 +67,12 @@ FEWEST_CELLS = 8
 LARGEST = 1e6
 #: The word of `SegmentOptions.kinds` for all kinds of runs.
 BOTH = "both"
-#: Samples; below it the overlap of two windows would be most of a window.
-MIN_WINDOW = 2048
+#: Between which values thresholds lie that may not have any above 0: shares, and the samples of a window, of which what
+#: the next one sees again must not be most.
+RANGES = {
+    **dict.fromkeys(("speed_tolerance", "plateau_share", "held_share", "low_speed_share"), (0.0, 1.0)),
+    "window": (2047, math.inf),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,17 +100,14 @@ class SegmentOptions:
     window: int = 131_072  # samples held in memory at a time; a longer movement is cut
 
     def __post_init__(self) -> None:
+        kinds = (CONSTANT, STROKE, BLOCK, BOTH)
+        if self.kinds not in kinds:
+            raise PumaidError("bad-option", f"kinds is {self.kinds!r}", Where(field="kinds"), f"one of {listed(kinds)}")
         for name, value in asdict(self).items():
-            is_share, wanted = name in ("speed_tolerance", "plateau_share", "held_share", "low_speed_share"), ""
-            if name == "kinds":
-                kinds = (CONSTANT, STROKE, BLOCK, BOTH)
-                wanted = "" if value in kinds else f"one of {', '.join(kinds)}"
-            elif value is not None and (not value > 0 or (is_share and value >= 1)):
-                wanted = "a share, above 0 and below 1" if is_share else "above 0"
-            elif name == "window" and value < MIN_WINDOW:
-                wanted = f"at least {MIN_WINDOW} samples"
-            if wanted:
-                raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), f"give {wanted}")
+            low, high = RANGES.get(name, (0.0, math.inf))
+            if not isinstance(value, str | None) and not low < value < high:
+                mend = f"give more than {low:g} and less than {high:g}"
+                raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), mend)
 
 
 #: All defaults.

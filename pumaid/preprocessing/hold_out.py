@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import BLOCK, STROKE, Dataset, Run
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimate import Estimate
 from pumaid.robot import posture_groups
 from pumaid.trajectory import Plan
@@ -36,7 +36,7 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     found, and runs that no motion planned where they are many.
     """
     motions = plan.motions
-    if not dataset.runs or not motions or len(motions[0].hold) != len(dataset.runs[0].posture):
+    if not dataset.runs or not motions:
         return dataset
     purposes = np.array([motion.purpose for motion in motions])
     moved, hold = np.array([motion.joint for motion in motions]), np.array([motion.hold for motion in motions], float)
@@ -49,14 +49,11 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         slower = np.abs(share - 1.0)
         if run.kind == STROKE:
             slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
-        shared, whole = (
-            np.minimum(high, last) - np.maximum(low, first),
-            np.maximum(high, last) - np.minimum(low, first),
-        )
+        shared = np.minimum(high, last) - np.maximum(low, first)
+        whole = np.maximum(high, last) - np.minimum(low, first)
         off = np.abs(np.delete(hold - run.posture, run.joint - 1, axis=1)).max(axis=1, initial=0.0)
-        fits = (
-            (moved == run.joint) & (off <= SAME_POSTURE) & (slower <= SAME_SPEED) & (shared >= INSIDE * (last - first))
-        )
+        fits = (moved == run.joint) & (off <= SAME_POSTURE) & (slower <= SAME_SPEED)
+        fits &= shared >= INSIDE * (last - first)
         away = np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
         if not np.isfinite(away).any() or run.kind == BLOCK:
             strays += [run] * (run.kind != BLOCK)
@@ -67,19 +64,18 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         # Repeats of a motion are as near: each is found once, and a run too many counts for another that it fits.
         free = np.where(missing & (purposes == purpose), away, np.inf)
         missing[int(np.argmin(free))] &= not np.isfinite(free).any()
-    notes = [*dataset.notes]
-    lost = np.flatnonzero(missing).tolist()
+    notes, lost = [*dataset.notes], np.flatnonzero(missing).tolist()
     if lost:
         ways = {True: "up", False: "down"}
         named = [f"run {k + 1} (joint {motions[k].joint} {ways[motions[k].end > motions[k].start]})" for k in lost]
-        text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {_listed(named)}"
-        notes.append(Note("plan-run-missing", text, Where(field=f"runs[{lost[0] + 1}]")))
+        text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {listed(named, MOST_NAMED)}"
+        notes.append(Note("plan-not-followed", text, Where(field=f"runs[{lost[0] + 1}]")))
     if len(strays) > FEW * len(runs):
         text = (
             f"{len(strays)} of {len(runs)} runs are not in the plan, the first of joint {strays[0].joint} at"
             f" {strays[0].start:.1f} s; they are fitted; is it the plan of these logs?"
         )
-        notes.append(Note("plan-run-unplanned", text, Where(file=strays[0].origin, row=strays[0].first_row)))
+        notes.append(Note("plan-not-followed", text, Where(file=strays[0].origin, row=strays[0].first_row)))
     return replace(dataset, runs=tuple(runs), notes=tuple(notes))
 
 
@@ -92,29 +88,23 @@ def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = 
     Raises
     ------
     LogError [heldout-nothing]
-        No run is meant: the files hold none, or no joint has postures to spare.
-    LogError [heldout-all]
-        No run of a joint would be left to fit.
+        No run is meant: the files hold none, or no joint has postures to spare; or no run of a joint would be left to
+        fit.
     """
     chosen = {number for number, run in enumerate(dataset.runs) if run.origin in files}
     if files and not chosen:
         where = Where(file=sorted(files)[0])
-        raise LogError("heldout-nothing", f"there is no run in {_listed(sorted(files))}", where, "name other files")
-    parts = [f"{len(chosen)} of {_listed(sorted(files))}"] if files else []
-    if postures:
-        last = _last_postures(dataset.runs)
-        joints = sorted({dataset.runs[number].joint for number in last})
-        parts.append(f"{len(last)} at the last posture of joint {', '.join(map(str, joints))}")
-        chosen |= last
+        raise LogError("heldout-nothing", f"there is no run in {listed(sorted(files))}", where, "name other files")
+    chosen |= _last_postures(dataset.runs) if postures else set()
     runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(dataset.runs))
     for joint in sorted({runs[number].joint for number in chosen}):
         moving = [run for run in runs if run.joint == joint]
         if all(run.heldout for run in moving):
             what = f"all {len(moving)} runs of joint {joint} would be held out, and none fitted"
-            mend = "keep one of the files for fitting in which it moves: " + _listed(sorted({r.origin for r in moving}))
-            raise LogError("heldout-all", what, Where(joint=joint), mend)
+            mend = f"keep one of the files for fitting in which it moves: {listed(sorted({r.origin for r in moving}))}"
+            raise LogError("heldout-nothing", what, Where(joint=joint), mend)
     fitted = sum(not run.heldout for run in runs)
-    text = f"runs held out: {', '.join(parts)}; {fitted} of {len(runs)} are left to fit"
+    text = f"{len(runs) - fitted} runs are held out, {len(chosen)} of them as was asked; {fitted} are left to fit"
     return replace(dataset, runs=runs, notes=(*dataset.notes, Note("held-out", text)))
 
 
@@ -138,22 +128,14 @@ def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
 
 def _last_postures(runs: Sequence[Run]) -> set[int]:
     """Indices of each joint's runs at the posture that was first taken last, where there are enough postures."""
-    postures: dict[int, list[list[int]]] = {}
+    last: set[int] = set()
     for joint in sorted({run.joint for run in runs}):
         numbers = [number for number, run in enumerate(runs) if run.joint == joint and not run.heldout]
         groups = posture_groups(np.array([runs[number].posture for number in numbers]), SAME_POSTURE)
         most_used = max(map(len, groups), default=0)
         groups = [group for group in groups if len(group) >= MEANT * most_used]
-        postures[joint] = [[numbers[k] for k in group] for group in groups]
-    last = {number for groups in postures.values() if len(groups) >= FEWEST_POSTURES for number in groups[-1]}
+        last |= {numbers[k] for k in groups[-1]} if len(groups) >= FEWEST_POSTURES else set()
     if not last:
-        best = max(postures, key=lambda joint: len(postures[joint]), default=None)
-        has = "there is no run" if best is None else f"joint {best} has most, {len(postures[best])}"
-        what = f"no joint was run in {FEWEST_POSTURES} postures ({has}), so none can be spared"
-        raise LogError("heldout-nothing", what, Where(joint=best), "hold out files, or run more postures")
+        what = f"no joint was run in {FEWEST_POSTURES} postures, so none can be spared"
+        raise LogError("heldout-nothing", what, mend="hold out files, or run more postures")
     return last
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return ", ".join(names[:MOST_NAMED]) + more

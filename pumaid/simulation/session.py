@@ -13,7 +13,7 @@ from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, JointState, Kind, acted, delays
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.virtual_robot import Truth, draw
-from pumaid.trajectory import MOVE_SHARE, Plan, Trapezoid, highest_speeds, run_times, trapezoids
+from pumaid.trajectory import MOVE_SHARE, Plan, Trapezoid, highest_speeds, trapezoids
 
 #: Hz of a log: slower, and a run of a few seconds would leave a sample or none; no drive that is logged is faster.
 SLOWEST, FASTEST = 1.0, 1000.0
@@ -274,12 +274,14 @@ class Bench:
 
     def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
         self.truth, self.plan, self.rate = truth, plan, rate
-        starts = run_times(truth.robot, plan)[:, 0]
+        steps = list(trapezoids(truth.robot, plan))
+        movements = [step for step in steps if step.motion is not None]
+        begins = np.cumsum([0.0, *(step.seconds for step in steps)])[:-1] + [step.lead for step in steps]
+        starts = begins[[step.motion is not None for step in steps]]
         first_run = first_starts(plan, starts, n_joints=truth.robot.n_joints)
         late = delays(truth.hidden, truth.robot.n_joints)
         self._runs: list[Run] = []
         self._currents: list[Floats] = []
-        movements = [movement for movement in trapezoids(truth.robot, plan) if movement.motion is not None]
         for movement, start in zip(movements, starts.tolist(), strict=True):
             first, last = movement.cruise
             local = np.arange(np.ceil(first * rate), np.floor(last * rate) + 1) / rate
