@@ -71,7 +71,7 @@ def ingest(
         what = f"no log has a row of numbers ({listed([facts.name for facts in dataset.files], 3)})"
         raise LogError("empty-log", what, Where(file=dataset.files[0].name), "record again, or name other files")
     of_all = findings(total)
-    # What all logs show needs no message a file; what one file shows may drown in the others.
+    # What all logs show needs no message a file; what one file shows may drown in the different.
     refused = [item for item in of_all if isinstance(item, LogError)]
     refused = refused or list({fault.slug: fault for fault in reversed(faults)}.values())[::-1]
     notes = [*_summarised(dataset.notes), *_refused(refused, trust=trust)]
@@ -196,9 +196,9 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
             mend = "start one with 'dask scheduler', or give --dask local"
             raise LogError("no-cluster", what, where, mend) from error
         places = (versions["scheduler"], *versions["workers"].values())
-        others = sorted({str(place["packages"].get("pumaid")) for place in places} - {__version__})
-        if others:
-            what = f"scheduler or workers have pumaid {listed(others)}, this is pumaid {__version__}"
+        different = sorted({str(place["packages"].get("pumaid")) for place in places} - {__version__})
+        if different:
+            what = f"scheduler or workers have pumaid {listed(different)}, this is pumaid {__version__}"
             mend = f"pip install 'pumaid[dask]=={__version__}' where the scheduler and the workers run"
             raise LogError("no-cluster", what, where, mend)
         yield client.get_executor(pure=False)
