@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 26503,
-    "statements": 16429,
+    "lines": 26410,
+    "statements": 16359,
     "modules": 148,
     "import depth": 12,
     "lines of tests and tools": 22440,
