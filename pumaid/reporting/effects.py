@@ -2,7 +2,6 @@
 
 import inspect
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,9 +32,6 @@ def facts(effect: Effect) -> dict[str, Any]:
     numbers = {"arm": 0} if effect.scope is Scope.ARM else {"revolute": TURNING, "prismatic": SLIDING}
     refusals = {kind: effect.applies(ARM, number) for kind, number in numbers.items()}
     owners = [(kind, number) for kind, number in numbers.items() if refusals[kind] is None]
-    curve = signature(effect)
-    # Every fourth point: one every fifth letter of the plot of the command line.
-    points = {name: getattr(curve, name)[::4] for name in ("values", "forward", "backward")}
     return {
         "effect": effect.name,
         "title": effect.title,
@@ -63,7 +59,7 @@ def facts(effect: Effect) -> dict[str, Any]:
         },
         "source": effect.source,
         "command": command(effect),
-        "signature": {"variable": curve.variable, "unit": curve.unit, **points, "at": curve.text},
+        "signature": signature(effect),
     }
 
 
@@ -102,7 +98,7 @@ def merged(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 # Signatures
 
-#: Two level axes, one beyond the other: each carries a load, the first also the second's.
+#: Two level axes, one beyond the other, and the amplitudes of gravity's currents in them (A).
 HANGING = Robot(
     "two hanging links",
     (
@@ -110,9 +106,7 @@ HANGING = Robot(
         Joint(2, "knee", "revolute", a=0.4, gear_ratio=60.0),
     ),
 )
-
-#: A: amplitudes of gravity's current in the hip by its own link and by the knee's, and in the knee.
-LOADS = (1.4, 0.6, 0.8)
+LOADS = np.array([2.0, 0.8])
 
 #: Values of what is not varied: rad, rad/s, rad, s, degC, rad/s2.
 CONSTANT = {"position": 0.6, "speed": 0.5, "travel": 1e3, "time": 1e6, "temperature": 35.0, "acceleration": 1.0}
@@ -143,38 +137,26 @@ VARIABLES = {
 }
 
 #: Points of a curve; range in multiples of a shape's example; periods of a ripple; share below which nothing varies.
-POINTS, MULTIPLE, PERIODS, FLAT = 161, 4.0, 3.0, 1e-9
+POINTS, MULTIPLE, PERIODS, FLAT = 60, 4.0, 3.0, 1e-9
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Signature:
-    """An effect's current at the examples of its parameters and shapes.
+def signature(effect: Effect) -> dict[str, Any]:
+    """The current of `effect` at the examples of its parameters and shapes, as `facts` has it.
 
-    `variable` and `unit` of `values` (M,); `forward` and `backward` (M,) A; `text`: the examples in words.
+    Against the variable of its family, or the first other one in which it varies: `variable`, `unit`, `values` (M,),
+    currents `forward` and `backward` (M,) A, and `at`, the examples in words.
     """
-
-    variable: str
-    unit: str
-    values: Floats
-    forward: Floats
-    backward: Floats
-    text: str
-
-
-def signature(effect: Effect) -> Signature:
-    """The current of `effect` against the variable of its family, or the first other one in which it varies."""
     first = VARIABLES.get(effect.family, "position")
     curves = [_against(effect, variable) for variable in dict.fromkeys((first, "position", *RANGES))]
-    ways = [np.array([curve.forward, curve.backward]) for curve in curves]
+    ways = [np.array([curve["forward"], curve["backward"]]) for curve in curves]
     varying = [np.ptp(way, axis=1).max() > FLAT * max(np.abs(way).max(), 1e-300) for way in ways]
     return curves[varying.index(True) if True in varying else 0]
 
 
-def _against(effect: Effect, variable: str) -> Signature:
-    """The signature against one variable, in the joint in which the effect's current is largest."""
-    joints = [joint.number for joint in HANGING.joints]
-    is_of_arm = effect.scope is Scope.ARM
-    owner = 0 if is_of_arm else next((n for n in joints if effect.applies(HANGING, n) is None), 1)
+def _against(effect: Effect, variable: str) -> dict[str, Any]:
+    """The signature against one variable, in the first joint in which the effect acts."""
+    owner = next((n for n in (1, 2) if effect.applies(HANGING, n) is None), 1)
+    owner = 0 if effect.scope is Scope.ARM else owner
     shapes, parameters = effect.shapes(HANGING, owner), effect.parameters(HANGING, owner)
     shape = {item.name: item.example for item in shapes}
     unit, low, high = RANGES[variable]
@@ -185,52 +167,45 @@ def _against(effect: Effect, variable: str) -> Signature:
     if effect.periodic and variable == "position":
         high = PERIODS * np.pi / shape[effect.periodic]
         low = -high
-    values = np.linspace(low, high, POINTS)
-    example = np.array([item.example for item in parameters])
-    ways: list[Floats] = []
-    for way in (1.0, -1.0):
-        currents = [
-            effect.columns(HANGING, _samples(joint, variable, values, way=way), number=owner, shape=shape) @ example
-            for joint in (joints if is_of_arm or effect.scope is Scope.CAUSE else [owner])
-        ]
-        ways.append(max(currents, key=lambda current: float(np.abs(current).max())))
-    items = [(item.name, item.example, item.unit) for item in parameters]
-    items += [(item.name, item.example, item.unit) for item in shapes]
-    texts = [f"{name} = {value:.3g} {word}" for name, value, word in items]
-    return Signature(variable, unit, values, ways[0], ways[1], ", ".join(text.removesuffix(" 1") for text in texts))
+    values, joint = np.linspace(low, high, POINTS), 1 if effect.scope in (Scope.ARM, Scope.CAUSE) else owner
+    currents = [
+        effect.columns(HANGING, _samples(joint, variable, values, way=way), number=owner, shape=shape)
+        @ [item.example for item in parameters]
+        for way in (1.0, -1.0)
+    ]
+    items: list[Parameter | Shape] = [*parameters, *shapes]
+    texts = [f"{x.name} = {x.example:.3g} {x.unit}".removesuffix(" 1") for x in items]
+    curve = {"variable": variable, "unit": unit, "values": values, "forward": currents[0], "backward": currents[1]}
+    return curve | {"at": ", ".join(texts)}
 
 
 def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Samples:
     """Samples in which one variable takes `values` and the rest is constant; loads follow from gravity elsewhere."""
-    count = len(values)
-    signals = {name: np.full(count, value) for name, value in CONSTANT.items()} | {variable: values}
-    position, velocity = np.full((count, HANGING.n_joints), 0.4), np.zeros((count, HANGING.n_joints))
+    full = np.ones(len(values))
+    signals = {name: value * full for name, value in CONSTANT.items()} | {variable: values}
+    position, velocity = np.full((len(values), 2), 0.4), np.zeros((len(values), 2))
     position[:, joint - 1] = signals["position"]
     velocity[:, joint - 1] = way * signals["speed"]
-    hip, beyond, knee = LOADS
-    first, second = position[:, 0], position.sum(axis=1)
-    by_joint = np.column_stack([hip * np.cos(first) + beyond * np.cos(second), knee * np.cos(second)])
-    by_knee = -(beyond if joint == 1 else knee) * np.sin(second)
-    slopes = np.column_stack([by_knee - (hip * np.sin(first) if joint == 1 else 0.0), by_knee])
-    load = signals.get("load", by_joint[:, joint - 1])
-    tilts = np.column_stack([np.zeros(count), -slopes[:, 0]])  # the axes point along -y
-    gains = np.array([1.0, beyond / knee]) if joint == 1 else np.array([knee / beyond, 1.0])
-    loads = Loads(load, by_joint, slopes, tilts, np.abs(load), signals.get("predicted current", load), gains)
+    angle, size = position.sum(axis=1), LOADS[joint - 1]
+    slope = -size * np.sin(angle)
+    load = signals.get("load", size * np.cos(angle))
+    by_joint, slopes = np.outer(np.cos(angle), LOADS), np.column_stack([slope, slope])
+    tilts = np.column_stack([0.0 * full, -slope])  # the axes point along -y
+    loads = Loads(load, by_joint, slopes, tilts, np.abs(load), signals.get("predicted current", load), size / LOADS)
     more = {name: signals[name] for name in ("acceleration", "time", "travel", "temperature")}
-    ways, run = np.full(count, way), np.zeros(count)
+    ways, run = way * full, 0.0 * full
     return Samples(joint, position, velocity, direction=ways, elapsed=signals["time"], run=run, loads=loads, **more)
 
 
-def sketch(curve: Signature, *, width: int = 60, height: int = 11) -> str:
-    """A signature as a plot of `width` letters and `height` lines: o forward, x backward, * where both are."""
-    columns = np.linspace(0, len(curve.values) - 1, width).round().astype(int)
-    both = np.array([curve.forward, curve.backward])[:, columns]
+def sketch(curve: dict[str, Any], *, height: int = 11) -> str:
+    """A signature as a plot of `height` lines, a letter for each value: o forward, x backward, * where both are."""
+    values, both = curve["values"], np.array([curve["forward"], curve["backward"]])
     levels = np.linspace(max(both.max(), 0.0), min(both.min(), 0.0), height)
     forward, backward = np.abs(levels[:, None, None] - both).argmin(axis=0)
-    grid = np.full((height, width), " ")
+    grid = np.full((height, len(values)), " ")
     grid[np.abs(levels).argmin()] = "-"
-    grid[backward, range(width)] = "x"
-    grid[forward, range(width)] = np.where(forward == backward, "*", "o")
+    grid[backward, range(len(values))] = "x"
+    grid[forward, range(len(values))] = np.where(forward == backward, "*", "o")
     lines = [f"{level:>9.2g} |{''.join(line).rstrip()}" for level, line in zip(levels, grid, strict=True)]
-    axis = f"{curve.values[0]:.3g} to {curve.values[-1]:.3g} {curve.unit}"
-    return "\n".join([f"{'A':>9}  o forward, x backward, * both", *lines, f"{'':11}{curve.variable} ({axis})"])
+    axis = f"{curve['variable']} ({values[0]:.3g} to {values[-1]:.3g} {curve['unit']})"
+    return "\n".join([f"{'A':>9}  o forward, x backward, * both", *lines, f"{'':11}{axis}"])

@@ -25,6 +25,7 @@ from pumaid.reporting.formatting import (
     letters,
     listed,
     percent,
+    plural,
     posture_text,
     relative_names,
     with_error,
@@ -41,7 +42,6 @@ from pumaid.reporting.text import (
     is_structural,
     label,
     part_share,
-    times_text,
 )
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
@@ -53,6 +53,10 @@ LABELS = {
     ("gravity", "y"): ("k_y·g", r"$k^*_y\,g$"),
     ("gravity", "mass"): ("m·g", r"$\hat m^*\,g$"),
     ("gain_ratio", ""): ("ηᵢ/ηᵢ₊₁", r"$\eta_i/\eta_{i+1}$"),
+    **{
+        ("gain_ratio", str(step)): (f"ηᵢ/ηᵢ₊{digit}", rf"$\eta_i/\eta_{{i+{step}}}$")
+        for step, digit in enumerate("₂₃₄₅₆₇₈₉", 2)
+    },
     ("coulomb", "plus"): ("λ₁⁺", r"$\lambda_{1+}$"),
     ("coulomb", "minus"): ("λ₁⁻", r"$\lambda_{1-}$"),
     ("viscous", "plus"): ("λ₂⁺", r"$\lambda_{2+}$"),
@@ -60,8 +64,6 @@ LABELS = {
     ("inertia", "J"): ("J", r"$J$"),
 }
 _ORDER = list(LABELS)
-
-_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 #: A mean error below this share of the RMSE is written as 0.
 NO_BIAS = 1e-4
@@ -98,54 +100,44 @@ def notes_of(marks: dict[str, str]) -> list[tuple[str, str]]:
 
 
 def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Table:
-    """The parameters with links as columns, as in the paper's Table I; angles in `units` (``rad`` or ``deg``)."""
+    """The parameters with links as columns, as in the paper's Table I, and one of the whole arm's where it has some.
+
+    Angles are in `units` (``rad`` or ``deg``).
+    """
     rows: dict[tuple[str, str], dict[int, Value]] = {}
     for value in estimate.values:
-        if value.joint is not None:
-            rows.setdefault(row_of(value), {})[value.joint] = value
+        rows.setdefault(row_of(value), {})[value.joint or 0] = value
+    columns = [*range(1, robot.n_joints + 1), *([0] if any(0 in values for values in rows.values()) else [])]
     marks, structural = dict[str, str](), dict[str, str]()
     gravity = float(np.linalg.norm(robot.gravity))
-    body: list[Row] = []
-    ratios = {key: int(key[1] or 1) for key in rows if key[0] == "gain_ratio"}
-    labels = LABELS | {
-        key: (f"ηᵢ/ηᵢ₊{str(step).translate(_SUBSCRIPTS)}", rf"$\eta_i/\eta_{{i+{step}}}$")
-        for key, step in ratios.items()
-    }
-    place = {key: _ORDER.index(first) for key in rows if (first := (key[0], "") if key in ratios else key) in _ORDER}
     unseen = {
         key
         for key, values in rows.items()
         if key[0] in ("inertia", "rotor") and key[1] != "J" and all(value.value is None for value in values.values())
     }
-    for key in sorted(rows.keys() - unseen, key=lambda key: (place.get(key, len(_ORDER)), key)):
+    body: list[Row] = []
+    for key in sorted(rows.keys() - unseen, key=lambda key: (_ORDER.index(key) if key in LABELS else len(_ORDER), key)):
         scale = gravity if key[0] == "gravity" else 1.0
         names = ["A" if key[0] == "gravity" else in_unit(value.unit, units)[1] for value in rows[key].values()]
         unit = " | ".join(dict.fromkeys(name for name in names if name))
-        text, tex = labels.get(key, (" ".join(key).strip(), ""))
+        text, tex = LABELS.get(key, (" ".join(key).strip(), ""))
         head = Cell(f"{text} ({unit})" if unit else text, latex=f"{tex} ({unit})" if tex and unit else tex)
-        cells = [_value_cell(rows[key].get(n), units, marks, scale=scale) for n in range(1, robot.n_joints + 1)]
-        body.append([head, *cells])
+        body.append([head, *(_value_cell(rows[key].get(n), units, marks, scale=scale) for n in columns)])
         structural |= {value.reason or "": "-" for value in rows[key].values() if is_structural(value)}
-    body.append(["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints)])
-    body.append(["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints)])
-    body.append(["runs", *(str(fit.runs) for fit in estimate.joints)])
-    extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*_ORDER, *unseen})
+    blank = [""] * (len(columns) - robot.n_joints)
+    body.append(["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints), *blank])
+    body.append(["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints), *blank])
+    body.append(["runs", *(str(fit.runs) for fit in estimate.joints), *blank])
+    extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*LABELS, *unseen})
     titles = {effect: catalogue()[effect].title for effect in extra if effect in catalogue()}
     if "inertia" in titles and ("inertia", "J") not in rows:
         titles["inertia"] = "base parameters of the rigid body"
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{effect}: {title}" for effect, title in titles.items())]
     legend += ["n/i: not identifiable from these logs"] if marks else []
     legend += [f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []
-    texts = []  # parameters of the whole arm, which have no column
-    for value in estimate.values:
-        if value.joint is None and not value.name.startswith("gain_ratio"):
-            words = _value_cell(value, units, {}).lines(stacked=False).removesuffix(" a")
-            reason = f" ({value.reason})" if value.value is None else f" {in_unit(value.unit, units)[1]}"
-            texts.append(f"{value.name} {words}{reason}")
-    arm = f" Whole arm: {'; '.join(texts)}." if texts else ""
-    caption = f"In units of each joint's motor current. {'; '.join(legend)}.{arm}"
+    caption = f"In units of each joint's motor current. {'; '.join(legend)}."
     notes = [*notes_of(marks), *((mark, reason) for reason, mark in structural.items())]
-    header = ["link", *(str(joint.number) for joint in robot.joints)]
+    header = ["link", *(str(column or "arm") for column in columns)]
     return Table(f"{robot.name}: parameters ± standard error", header, body, notes, caption)
 
 
@@ -308,7 +300,9 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
     caption = ""
     if run.separation is not None:
         caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations"
-        caption += f"; run {times_text(run.repeats)}, they decide with a probability of 90 %." if run.repeats else "."
+        caption += (
+            f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %." if run.repeats else "."
+        )
     header = ("run", "joint", "from", "to", "speed", "other joints at")
     title = f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}"
     return Table(title, header, rows, caption=caption, words=(0, 1, 5))

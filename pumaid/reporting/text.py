@@ -186,25 +186,26 @@ def joint_sentence(score: JointScore, robot: Robot) -> str:
     if score.rmse is None:
         return f"{title} never moves alone in these logs, so its error is unknown."
     explained = f"the model explains {percent(share)} of the current's variance"
-    if share is None or share < 0.0:
-        worse = "the model is no better than a constant current"
-        explained = "the measured current is constant" if share is None else worse
-    floor = "unknown (no repeated run)"
-    if score.noise_floor is not None:
-        ratio = (score.rmse - ROUNDING) / max(score.noise_floor, ROUNDING)
-        above = f"{number(ratio, 2)} times the floor, so the model lacks something"
-        verdict = next((text for limit, text in FLOOR_VERDICTS.items() if ratio <= limit), above)
-        if BELOW_FLOOR < ratio <= AT_FLOOR:
-            is_noise = score.budget is None or is_noise_only(score.budget)
-            noise = "nothing missing that repeated runs can show"
-            verdict += f", {noise if is_noise else 'yet part of it is more than noise'}"
-        floor = f"{amperes(score.noise_floor)}: {verdict}"
-    words = f"{title}: {explained}; RMSE {amperes(score.rmse)}, noise floor {floor}."
-    if score.heldout is not None and score.heldout_runs < score.runs:
-        words += f" Hold-out RMSE ({plural(score.heldout_runs, 'run')}): {amperes(score.heldout)}."
-    if score.undetermined:
-        words += f" {plural(score.undetermined, 'run')} depend on parameters that are not identified."
-    return words
+    if share is None:
+        explained = "the measured current is constant"
+    elif share < 0.0:
+        explained = "the model is no better than a constant current"
+    words = f"{title}: {explained}; {floor_words(score.rmse, score.noise_floor)}"
+    if words.endswith(FLOOR_VERDICTS[AT_FLOOR]):
+        is_noise = score.budget is None or is_noise_only(score.budget)
+        noise = "nothing missing that repeated runs can show"
+        words += f", {noise if is_noise else 'yet part of it is more than noise'}"
+    return f"{words}."
+
+
+def floor_words(rmse: float | None, floor: float | None) -> str:
+    """An RMSE against its noise floor (both A), with what that means."""
+    if rmse is None or floor is None:
+        return f"RMSE {amperes(rmse)}, noise floor unknown (no repeated run)"
+    ratio = (rmse - ROUNDING) / max(floor, ROUNDING)
+    above = f"{number(ratio, 2)} times the floor, so the model lacks something"
+    verdict = next((text for limit, text in FLOOR_VERDICTS.items() if ratio <= limit), above)
+    return f"RMSE {amperes(rmse)}, noise floor {amperes(floor)}: {verdict}"
 
 
 # Residual budget
@@ -260,13 +261,9 @@ def budgets(comparison: Comparison) -> dict[int, Budget]:
 
 def changes(rung: Rung) -> list[str]:
     """What a model adds to the one it was made from (``+ stribeck@3``) and what it removes."""
-    is_first = rung.parent is None
-    words = ["base model"] if is_first else []
-    words += [
-        f"+ {name}"
-        for name in effect_words(rung.estimate.effects if is_first else rung.added, len(rung.estimate.joints))
-    ]
-    words += [f"− {name}" for name in effect_words(rung.removed, len(rung.estimate.joints)) if not is_first]
+    words, joints = ["base model"] if rung.parent is None else [], len(rung.estimate.joints)
+    words += [f"+ {name}" for name in effect_words(rung.added, joints)]
+    words += [f"− {name}" for name in effect_words(rung.removed, joints)]
     return words or ["fitted again"]
 
 
@@ -324,7 +321,7 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     joint = next((item for item in diagnosis.joints if item.joint == finding.joint), None)
     is_applied = any(finding is item for item in diagnosis.applied)
     if joint is not None and not is_applied and (effect is None or effect.scope is Scope.JOINT):
-        out.append(floor_sentence(joint))
+        out.append(f"{floor_words(joint.rmse, joint.noise_floor)}.")
     before, after = finding.rmse_heldout_before, finding.rmse_heldout_after
     if before is not None and after is not None:
         less = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
@@ -347,16 +344,6 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
         out.append(f"Doubtful: {reasons[0].rstrip('.')}.")
     size = size_sentence(finding, robot, units)
     return [*out, size] if size else out
-
-
-def floor_sentence(joint: JointDiagnosis) -> str:
-    """The RMSE of a joint that has runs against its noise floor."""
-    words = f"RMSE of the model: {amperes(joint.rmse)}"
-    if joint.rmse is None or joint.noise_floor is None:
-        return f"{words}; no run is repeated, so the noise floor is unknown."
-    words += f", noise floor: {amperes(joint.noise_floor)}"
-    is_at_floor = joint.rmse <= AT_FLOOR * joint.noise_floor
-    return words + ("." if is_at_floor else f" (ratio {number(joint.rmse / joint.noise_floor, 2)}).")
 
 
 def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:
@@ -386,13 +373,8 @@ def decision_sentence(finding: Finding) -> str:
     text = run.text.rstrip(".")
     if not run.motions:
         return f"{text[:1].upper()}{text[1:]}."
-    times = f", each {times_text(run.repeats)}" if run.repeats and run.repeats > 1 else ""
+    times = f", each {plural(run.repeats, 'time')}" if run.repeats and run.repeats > 1 else ""
     return f"To decide: {text} ({plural(len(run.motions), 'run')}{times}; written by pumaid diagnose --plan FILE)."
-
-
-def times_text(count: int) -> str:
-    """``once``, ``twice``, ``3 times``."""
-    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 # Adding effects
@@ -452,7 +434,7 @@ def unexplained_title(joint: JointDiagnosis, robot: Robot) -> str:
 
 def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str]:
     """What is known of a residual without a name."""
-    out = [floor_sentence(joint)]
+    out = [f"{floor_words(joint.rmse, joint.noise_floor)}."]
     if joint.repeats is not None:
         share, p = percent(joint.repeats.share), number(joint.repeats.p_value, 2)
         out.append(f"{share} of the residual repeats in repeated runs (p = {p}).")
@@ -486,7 +468,7 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
             text = "RMSE at the noise floor, but the findings above act there too."
         else:
             pointer = " The findings above act there too." if diagnosis.findings else ""
-            text = f"something is missing. {floor_sentence(joint)}{pointer}"
+            text = f"something is missing. {floor_words(joint.rmse, joint.noise_floor)}.{pointer}"
         if joint.verdict != UNEXPLAINED_JOINT and joint.joint not in joints and not is_clean:
             texts.append((joint.joint, text))
     out = by_joint(texts, robot)
@@ -503,13 +485,5 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """What limits the diagnosis, each sentence once with its joints."""
-    joints: dict[str, list[int]] = {}
-    for joint in diagnosis.joints:
-        for sentence in joint.weakened:
-            joints.setdefault(sentence.rstrip("."), []).append(joint.joint)
-    out = []
-    for text, numbers in joints.items():
-        names_joint = len(numbers) == 1 and text.lower().startswith(f"joint {numbers[0]} ")
-        is_plain = len(numbers) == len(diagnosis.joints) or names_joint
-        out.append(f"{text[:1].upper()}{text[1:]}." if is_plain else f"{joint_titles(robot, numbers)}: {text}.")
-    return out
+    texts = [(joint.joint, f"{text.rstrip('.')}.") for joint in diagnosis.joints for text in joint.weakened]
+    return by_joint(texts, robot, count=len(diagnosis.joints))

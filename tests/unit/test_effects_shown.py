@@ -14,15 +14,15 @@ NAMES = sorted(catalogue())
 def test_signature_is_a_finite_curve(name):
     """Every effect has a current to show, and one that varies unless it is Coulomb's."""
     shown = signature(catalogue()[name])
-    curves = np.array([shown.forward, shown.backward])
+    curves = np.array([shown["forward"], shown["backward"]])
     assert np.isfinite(curves).all() and np.abs(curves).max() > 0
-    assert name == "coulomb" or np.ptp(shown.forward) > 0
+    assert name == "coulomb" or np.ptp(shown["forward"]) > 0
 
 
 def test_sketch_puts_letters_where_the_curve_is():
     """The first letter of a falling friction is in the top line, its mirror image in the bottom line."""
     shown = signature(catalogue()["stribeck"])
-    lines = sketch(shown, width=40, height=9).splitlines()
+    lines = sketch(shown, height=9).splitlines()
     assert len(lines) == 11 and "speed (" in lines[-1]
     assert lines[1].split("|")[1].startswith("o") and lines[9].split("|")[1].startswith("x")
 

@@ -87,13 +87,15 @@ def test_parameters_are_the_papers_numbers(paper):
     assert row(table, "λ₂⁺")[0].text == "λ₂⁺ (A s/deg)"
 
 
-def test_parameters_of_the_whole_arm_stand_below(paper):
+def test_parameters_of_the_whole_arm_have_a_column(paper):
     """Parameters without a joint have their error and unit, or the reason why they have none."""
     tilt = replace(paper.estimate.values[0], name="tilt.x", joint=None, value=0.0123, std_error=0.0011, unit="rad")
     unknown = replace(tilt, name="tilt.y", value=None, std_error=None, reason="level base", next_run="x")
     estimate = replace(paper.estimate, values=(*paper.estimate.values, tilt, unknown))
-    caption = tables.parameter_table(estimate, paper.robot).caption
-    assert "Whole arm: tilt.x 0.0123 ± 0.0011 rad; tilt.y n/i (level base)." in caption
+    table = tables.parameter_table(estimate, paper.robot)
+    known, missing = row(table, "tilt x (rad)")[-1], row(table, "tilt y")[-1]
+    assert table.header[-1] == "arm" and (known.text, known.error) == ("0.0123", "0.0011")
+    assert missing.text == "n/i" and dict(table.notes)[missing.mark].startswith("level base")
 
 
 def test_reasons_share_letters_and_weak_values_are_faint(paper):

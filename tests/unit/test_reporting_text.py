@@ -256,10 +256,10 @@ def test_limits_of_a_diagnosis_are_said_once():
     """What limits all joints alike is one sentence without joints; of some it names them."""
     diagnosis = diagnoses.rich()
     alike = replace(diagnosis, joints=tuple(replace(joint, weakened=("no replicates",)) for joint in diagnosis.joints))
-    assert text.weaknesses(alike, PUMA) == ["No replicates."]
+    assert text.weaknesses(alike, PUMA) == ["All joints: no replicates."]
     assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in text.weaknesses(diagnosis, PUMA)
     fourth = diagnosis.joints[3]  # no run is repeated
-    assert "the noise floor is unknown" in text.floor_sentence(fourth)
+    assert "noise floor unknown" in text.floor_words(fourth.rmse, fourth.noise_floor)
 
 
 def test_a_long_command_can_be_pasted():

@@ -26,7 +26,7 @@ def command(name: str | None, as_json: bool) -> None:
     from pumaid.effect_spec import OWN
     from pumaid.effects import catalogue
     from pumaid.errors import ModelError, meant
-    from pumaid.reporting.effects import facts, signature, sketch
+    from pumaid.reporting.effects import facts, sketch
     from pumaid.results.documents import heading
 
     effects = catalogue()
@@ -38,7 +38,7 @@ def command(name: str | None, as_json: bool) -> None:
     elif name is None:
         _list(chosen)
     else:
-        _explain(chosen[0], sketch(signature(effects[name])))
+        _explain(chosen[0], sketch(chosen[0]["signature"]))
 
 
 def _list(effects: list[dict[str, Any]]) -> None:
