@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from pumaid.dataset import Dataset, Reject, Run
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import TOGETHER, Budget, Comparison
-from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.run_tables import by_reason, samples_read
 from pumaid.reporting.tables import parameter_table
-from pumaid.reporting.text import BUDGET_LIMITS, part_share, part_text
+from pumaid.reporting.text import BUDGET_LIMITS, in_unit, part_share, part_text
+from pumaid.results.documents import plain
 from pumaid.results.history import History
 from pumaid.robot import Robot
 
@@ -21,11 +22,17 @@ if TYPE_CHECKING:
 #: Forms of a table, with their suffix.
 TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
 
-#: Columns of the runs as CSV; for prismatic joints m stands in place of rad.
-CSV_HEADER = (
-    "run", "file", "last_file", "first_row", "last_row", "start_s", "duration_s", "joint", "name", "kind", "from_rad",
-    "to_rad", "speed_rad_s", "ripple_rad_s", "samples", "temperature_degC", "heldout",
-)  # fmt: skip
+#: Entry of a run -> column of tables of runs; for prismatic joints m stands in place of rad.
+RUN_COLUMNS = {
+    **{name: name for name in ("run", "file", "last_file", "first_row", "last_row", "joint", "name", "kind")},
+    "start": "start_s",
+    "duration": "duration_s",
+    "speed": "speed_rad_s",
+    "ripple": "ripple_rad_s",
+    "samples": "samples",
+    "temperature": "temperature_degC",
+    "heldout": "heldout",
+}
 
 
 def _frame(rows: list[Any], **options: Any) -> pd.DataFrame:
@@ -56,16 +63,12 @@ def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
     }
 
 
-def runs_csv(dataset: Dataset, robot: Robot) -> str:
-    """The runs as CSV in SI, postures as further columns ``q1`` to ``qJ``, empty at the moving joint."""
-    names = "run file last_file first_row last_row start duration joint name kind span speed ripple samples"
-    rows = []
-    for index, run in enumerate(dataset.runs, 1):
-        entry = _run_entry(index, run, robot)
-        cells = [entry[name] for name in [*names.split(), "temperature", "heldout", "posture"]]
-        rows.append([*cells[:10], *entry["span"], *cells[11:-1], *entry["posture"]])
-    header = [*CSV_HEADER, *(f"q{joint.number}" for joint in robot.joints)]
-    return _frame(rows, columns=header).to_csv(index=False, lineterminator="\n")
+def runs_frame(runs: Iterable[Run], robot: Robot) -> pd.DataFrame:
+    """One row a run in SI, postures in columns ``q1`` to ``qJ``, empty at the moving joint."""
+    entries = [plain(_run_entry(index, run, robot)) for index, run in enumerate(runs, 1)]
+    rows = [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries]
+    header = [*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)]
+    return _frame(rows, columns=header)
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
@@ -77,18 +80,12 @@ def _place(record: Run | Reject) -> dict[str, Any]:
     return {"file": record.origin, "last_file": record.origin} | _entries(record, "first_row last_row")
 
 
-def runs_frame(comparison: Comparison) -> pd.DataFrame:
-    """One row a run: where it lies and how the model does on it, postures in columns ``q1`` to ``qJ``."""
-    rows = []
-    for score in comparison.runs:
-        run = score.run
-        file = run.origin.encode("utf-8", "backslashreplace").decode("utf-8")  # a name may be none of UTF-8
-        row = {"joint": run.joint, "file": file, "start_s": run.start, "duration_s": run.duration}
-        row |= _entries(run, "kind speed samples")
-        row |= {"rmse_A": score.rmse, "bias_A": score.bias, "largest_A": score.largest, "explained": score.explained}
-        row |= {"heldout": run.heldout, "undetermined": score.undetermined}
-        rows.append(row | {f"q{number}": position for number, position in enumerate(run.posture, start=1)})
-    return _frame(rows)
+def scores_frame(comparison: Comparison, robot: Robot) -> pd.DataFrame:
+    """The same with how the model does on each run."""
+    frame = runs_frame([score.run for score in comparison.runs], robot)
+    names = {"rmse": "rmse_A", "bias": "bias_A", "largest": "largest_A", "explained": "explained"}
+    columns = {head: [getattr(score, name) for score in comparison.runs] for name, head in names.items()}
+    return frame.assign(**columns, undetermined=[score.undetermined for score in comparison.runs])
 
 
 # Parameters

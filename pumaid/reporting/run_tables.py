@@ -1,21 +1,21 @@
 """Tables of runs: those that logs contain, those that a plan asks for; and of the arm that makes them."""
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
-from pumaid.reporting.formatting import (
+from pumaid.reporting.table import Row, Table
+from pumaid.reporting.text import (
+    count_kinds,
+    counted_runs,
     in_unit,
-    listed,
-    plural,
     posture_text,
     relative_names,
+    run_time,
 )
-from pumaid.reporting.table import Row, Table
 from pumaid.robot import Robot, roll_pitch_yaw
 from pumaid.trajectory import Plan
 from pumaid.units import number
@@ -69,32 +69,7 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
         cells = [float(np.median(np.diff(run.bins.time))) for parts in blocks.values() for run in parts]
         caption += f" Cells of blocks last {number(1e3 * min(cells), 3)} to {number(1e3 * max(cells), 3)} ms."
     title = f"{robot.name}: {counted_runs(dataset.runs)}"
-    table = Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
-    is_mixed = any(run.kind != CONSTANT for run in dataset.runs)
-    return table if is_mixed else replace(table.columns(range(8)), caption="")
-
-
-def run_time(run: Run) -> str:
-    """Start and end of a run (s)."""
-    return f"{run.start:.2f} – {run.start + run.duration:.2f}"
-
-
-def counted_runs(runs: Sequence[Run]) -> str:
-    """``12 runs at constant speed, 3 strokes from rest to rest and 10 blocks of any motion``."""
-    counts = count_kinds(runs)
-    words = {
-        CONSTANT: ("run", "at constant speed"),
-        STROKE: ("stroke", "from rest to rest"),
-        BLOCK: ("block", "of any motion"),
-    }
-    shown = [f"{plural(counts[kind], noun)} {how}" for kind, (noun, how) in words.items() if kind in counts]
-    return listed(shown or ["0 runs at constant speed"])
-
-
-def count_kinds(runs: Sequence[Run]) -> dict[str, int]:
-    """Kind -> number of runs, a block counted once for all its joints."""
-    stretches = {(run.kind, run.origin, run.first_row, run.joint * (run.kind != BLOCK)) for run in runs}
-    return dict(Counter(kind for kind, *_ in stretches))
+    return Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
 
 
 def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:

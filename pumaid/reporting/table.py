@@ -9,7 +9,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -91,9 +91,6 @@ class Table:
         Console(file=out, width=width, color_system=None, highlight=False).print(self)
         return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
 
-    def __str__(self) -> str:
-        return self.text()
-
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """On a terminal: errors beside values, else below them, else the columns in several parts."""
         if self.title:
@@ -102,10 +99,8 @@ class Table:
             yield from self._parts(options.max_width)
         if self.caption:
             yield Paragraph(self.caption, style="dim")
-        indent = max((len(mark) for mark, _ in self.notes), default=0) + 2
-        for mark, text in self.notes:
-            lines = textwrap.wrap(visible(text), min(options.max_width, WIDTH) - indent - 1) or [""]
-            yield Text(f"{mark:>{indent}} " + f"\n{'':{indent + 1}}".join(lines))
+        width = max((len(mark) for mark, _ in self.notes), default=0)
+        yield from (Paragraph(f"{mark:>{width}} {text}", 2, hanging=width + 1) for mark, text in self.notes)
 
     def _parts(self, room: int) -> Iterator[RichTable | Text]:
         """The rows on lines of `room` characters."""
@@ -214,32 +209,25 @@ def _tex_power(exponent: re.Match[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """Text for the terminal, wrapped at `WIDTH`: how far it is indented, its style, whether it is a command to paste.
+    """A heading (bold), a sentence or a command to paste, wrapped at `WIDTH` on a terminal.
 
-    Lines with more than one blank in a row (bars, shapes) are not wrapped; a long command goes on behind backslashes.
+    `indent` of all lines, `hanging` of those after the first; a long command goes on behind backslashes.
     """
 
     text: str
     indent: int = 0
     style: str = ""
     is_command: bool = False
+    hanging: int = 0
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        yield Text("\n".join(self._lines(min(options.max_width, WIDTH))), style=self.style)
+        room, before = min(options.max_width, WIDTH) - 2 * self.is_command, " " * self.indent
+        after = before + " " * (2 if self.is_command else self.hanging)
+        look: Any = {"break_long_words": False, "break_on_hyphens": False}
+        lines = textwrap.wrap(visible(self.text), room, initial_indent=before, subsequent_indent=after, **look)
+        yield Text((" \\\n" if self.is_command else "\n").join(lines), style=self.style)
 
     def __html__(self) -> str:
         """A command, a heading or a sentence of a page."""
         kind = 'pre class="command" tabindex="0"' if self.is_command else "h3" if self.style == "bold" else "p"
         return f"<{kind}>{html.escape(self.text)}</{kind.split()[0]}>"
-
-    def _lines(self, width: int) -> list[str]:
-        before, room = " " * self.indent, max(width - self.indent - 2 * self.is_command, 20)
-        out: list[str] = []
-        for line in visible(self.text).split("\n"):
-            parts = [line]
-            if line and "  " not in line:
-                parts = textwrap.wrap(line, room, break_long_words=False, break_on_hyphens=False)
-            after = before + "  " * self.is_command
-            lines = [(after if number else before) + part for number, part in enumerate(parts)]
-            out += [f"{part} \\" for part in lines[:-1]] + lines[-1:] if self.is_command else lines
-        return out

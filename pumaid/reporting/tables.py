@@ -1,7 +1,5 @@
 """Tables of a model, a comparison, a diagnosis and a history, and what the terminal shows of the last three."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from pumaid.diagnosis.records import (
@@ -18,30 +16,27 @@ from pumaid.effects import catalogue
 from pumaid.estimate import IDENTIFIED, Estimate, Value
 from pumaid.estimation.evaluate import Comparison
 from pumaid.reporting import text as sentences
-from pumaid.reporting.formatting import (
-    in_unit,
-    joint_label,
-    joint_titles,
-    letters,
-    listed,
-    percent,
-    plural,
-    posture_text,
-    relative_names,
-    with_error,
-)
-from pumaid.reporting.run_tables import run_time
 from pumaid.reporting.table import Cell, Paragraph, Row, Table
 from pumaid.reporting.text import (
     BUDGET_CAPTION,
     BUDGET_LIMITS,
     bare,
     changes,
+    in_unit,
     is_above_floor,
     is_noise_only,
     is_structural,
+    joint_label,
     label,
+    letters,
+    listed,
     part_share,
+    percent,
+    plural,
+    posture_text,
+    relative_names,
+    run_time,
+    with_error,
 )
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
@@ -194,17 +189,16 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     if comparison.rmse is not None:
         runs = str(sum(score.runs for score in comparison.joints))
         rows.append(["all", runs, amount(comparison.rmse), "", "", "", amount(comparison.heldout)])
-    reasons = dict.fromkeys(s.noise_floor_reason for s in comparison.joints if s.noise_floor_reason and s.runs)
-    notes = [("-", reason) for reason in reasons if reason]
-    still = [score.joint for score in comparison.joints if not score.runs]
-    if still:
-        notes.append(("-", f"{joint_titles(robot, still)}: never moving alone in these logs"))
-    caption = "Noise floor: from the differences of repeated runs. Explained: share of the current's variance."
+    still = "never moves alone in these logs"
+    unknown = [(score.joint, score.noise_floor_reason if score.runs else still) for score in comparison.joints]
+    texts = [(joint, text) for joint, text in unknown if text]
+    notes = [("-", text) for text in sentences.by_joint(texts, robot, count=len(comparison.joints))]
+    caption = (
+        "Noise floor: from the differences of repeated runs. Explained: share of the current's variance."
+        " Hold-out: RMSE of runs that were not fitted."
+    )
     header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained", "hold-out (A)"]
-    table = Table("Model against measurement", header, rows, notes, caption)
-    if all(score.heldout is None for score in comparison.joints):
-        return table.columns(range(6))
-    return replace(table, caption=f"{caption} Hold-out: RMSE of runs that were not fitted.")
+    return Table("Model against measurement", header, rows, notes, caption)
 
 
 def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Table:
@@ -322,13 +316,11 @@ def history_table(ladder: Ladder) -> Table:
         rows.append([*head, ", ".join(changes(rung)), *amounts, ratio])
     caption = f"Not comparable with the models above: {ladder.apart}. " if ladder.apart else ""
     caption += "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
+    if all(fit.heldout is None for rung in ladder.rungs for fit in rung.estimate.joints):
+        caption += " No run was held out, so nothing shows how the models do on new runs."
     header = ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor")
     notes = [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else []
-    table = Table(f"{ladder.robot}: error of each model", header, rows, notes, caption, (0, 1, 2))
-    if any(fit.heldout is not None for rung in ladder.rungs for fit in rung.estimate.joints):
-        return table
-    caption += " No run was held out, so nothing shows how the models do on new runs."
-    return replace(table.columns((0, 1, 2, 3, 5, 6)), caption=caption)
+    return Table(f"{ladder.robot}: error of each model", header, rows, notes, caption, (0, 1, 2))
 
 
 def history_joint_table(ladder: Ladder) -> Table:
@@ -390,7 +382,8 @@ def budget_table(comparison: Comparison, robot: Robot) -> Table | None:
 
     None where no joint has runs.
     """
-    joints, rows = sentences.budgets(comparison), list[Row]()
+    joints = {score.joint: score.budget for score in comparison.joints if score.budget is not None}
+    rows: list[Row] = []
     loud = {joint: budget for joint, budget in joints.items() if not is_noise_only(budget)}
     for joint, budget in loud.items():
         head = joint_label(robot, joint)

@@ -144,7 +144,7 @@ def test_joints_without_runs_and_errors_above_the_floor_are_marked(context):
     still = replace(second, runs=0, rmse=None, noise_floor=None)
     spoilt = replace(context.comparison, joints=(replace(first, rmse=3.0 * first.noise_floor, bias=1e-17), still))
     table = tables.comparison_table(spoilt, context.robot)
-    assert any(": never moving alone" in text for _, text in table.notes)
+    assert any("never moves alone" in text for _, text in table.notes)
     assert [cells[2].tone for cells in table.cells] == ["alarm", "absent", ""]
     assert table.cells[0][4].text == "0"  # a bias far below the RMSE is round-off
 
@@ -164,9 +164,10 @@ def test_detection_limits_have_a_row_an_effect_and_unit():
 
 
 def test_history_shows_held_out_errors_where_there_are_any():
-    """A column of the arm and a table of the joints, only where runs were held out."""
-    assert "hold-out (A)" in tables.history_table(ladder(2, 2)).header
+    """Rows of the joints, and a sentence where no run was held out."""
     assert [len(tables.history_joint_table(ladder(2, 2, heldout=heldout)).rows) for heldout in (True, False)] == [4, 2]
+    words = [tables.history_table(ladder(2, 2, heldout=heldout)).caption for heldout in (True, False)]
+    assert ["No run was held out" in caption for caption in words] == [False, True]
 
 
 # Runs and plans

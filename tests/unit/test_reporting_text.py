@@ -1,5 +1,6 @@
 """Sentences: what is claimed, of which joint, how surely, in which unit."""
 
+import io
 from dataclasses import replace
 
 import budgets
@@ -9,6 +10,7 @@ import pytest
 import report_contexts
 import worlds
 from ladders import RIPPLE, STRIBECK
+from rich.console import Console
 from test_residual_budget import KINDS
 
 from pumaid.dataset import Dataset
@@ -19,9 +21,9 @@ from pumaid.errors import Note, Where
 from pumaid.estimate import Combination
 from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import text
-from pumaid.reporting.formatting import in_unit, percent, posture_text, relative_names, with_error
 from pumaid.reporting.table import Paragraph
 from pumaid.reporting.tables import BUDGET_BAR, NOISE, SIGNIFICANT, budget_table
+from pumaid.reporting.text import in_unit, percent, posture_text, relative_names, with_error
 from pumaid.results.history import effect_words
 from pumaid.robot import EffectChoice
 
@@ -265,7 +267,9 @@ def test_limits_of_a_diagnosis_are_said_once():
 def test_a_long_command_can_be_pasted():
     """A command longer than the line goes on behind a backslash."""
     command = "pumaid identify " + " ".join(f"logs/session_{n:02d}.csv" for n in range(9)) + " --add stribeck@3"
-    lines = Paragraph(command, 5, is_command=True)._lines(60)
+    out = io.StringIO()
+    Console(file=out, width=60).print(Paragraph(command, 5, is_command=True))
+    lines = [line.rstrip() for line in out.getvalue().splitlines()]
     assert len(lines) > 2 and all(line.endswith("\\") for line in lines[:-1])
     assert " ".join(line.strip().rstrip("\\").strip() for line in lines) == command
 

@@ -114,7 +114,7 @@ def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     from pumaid.diagnosis.discrimination import plan_of_findings
     from pumaid.io.plan_file import plan_text
     from pumaid.io.write import write_file
-    from pumaid.reporting.formatting import plural
+    from pumaid.reporting.text import plural
 
     made = plan_of_findings(diagnosis.findings, robot)
     if not made.motions:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, say, spare_inputs, tables, write_picture
+from pumaid.cli.output import content, document, notes, spare_inputs, tables, write_picture
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
@@ -59,7 +59,7 @@ def command(
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
     from pumaid.preprocessing.binning import SegmentOptions
-    from pumaid.reporting.documents import runs_csv, segments_document
+    from pumaid.reporting.documents import frame_as, runs_frame, segments_document
     from pumaid.reporting.run_tables import rejection_table, rejects_table, run_table, runs_by_joint_table
     from pumaid.results.documents import heading
 
@@ -77,7 +77,7 @@ def command(
         digests = {facts.name: facts.digest for facts in dataset.files}
         document(heading("segments", robot=robot, logs=digests) | segments_document(dataset, robot))
     elif as_csv:
-        say(runs_csv(dataset, robot).rstrip("\n"))
+        content(frame_as(runs_frame(dataset.runs, robot), "csv"))
     else:
         parts = [run_table(dataset, robot, units=units), runs_by_joint_table(dataset, robot, units=units)]
         tables(*parts, rejection_table(dataset), rejects_table(dataset) if rejects else None)

@@ -28,8 +28,8 @@ from pumaid.reporting.figures.style import (
     styled,
     zero_line,
 )
-from pumaid.reporting.formatting import in_unit, letters, plural, shortened
-from pumaid.reporting.run_tables import by_reason, counted_runs, posture_key, samples_read
+from pumaid.reporting.run_tables import by_reason, posture_key, samples_read
+from pumaid.reporting.text import counted_runs, in_unit, letters, plural, shortened
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan
 

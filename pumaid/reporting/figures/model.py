@@ -2,7 +2,7 @@
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
 
@@ -14,17 +14,19 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from pumaid.dataset import BLOCK
-from pumaid.diagnosis.records import Curve, Diagnosis, Finding, JointDiagnosis
-from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, Budget, RunScore
-from pumaid.maths import Floats
+from pumaid.diagnosis.records import Binned, Curve, Diagnosis, Finding, Unexplained
+from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, JointScore, RunScore
 from pumaid.reporting.figures.style import (
     AREAS,
     BACKWARD,
     COLOURS,
+    DARK_INK,
     FORWARD,
     GREY,
     INK,
     MOST_POINTS,
+    PALE,
+    ROOM,
     WIDTH,
     Drawing,
     clock_shifts,
@@ -34,24 +36,24 @@ from pumaid.reporting.figures.style import (
     heading,
     legend,
     panels,
-    stacked_bars,
     styled,
     zero_line,
 )
-from pumaid.reporting.formatting import amperes, in_unit, joint_title, listed, posture_text, shortened
 from pumaid.reporting.page import ReportContext
 from pumaid.reporting.tables import row_of
 from pumaid.reporting.text import (
-    BUDGET_CAPTION,
-    PART_NAMES,
     VARIABLES,
-    budgets,
+    amperes,
     changes,
     form_sentence,
+    in_unit,
     is_structural,
+    joint_title,
     label,
-    part_share,
+    listed,
     place,
+    posture_text,
+    shortened,
 )
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
@@ -77,25 +79,17 @@ MOST_POSTURES, FINE, COARSE = 3, 48, 14
 #: A variable is drawn if it varies by more than this: speed (share of the largest), A, posture, K; others always.
 LEAST = {"speed": 0.05, "gravity": 1e-6, "posture": 0.5, "temperature": 0.5}
 
-#: Part of the residual budget -> colour, in the order of the bars: missing physics, then greys for noise.
-PART_COLOURS = {
-    "smooth": "#0173b2",
-    "fast": "#de8f05",
-    "start": "#cc78bc",
-    "odd": "#c8500a",
-    "even": "#029e73",
-    "time": "#ece133",
-    "unassigned": "#7f5fa8",
-    "noise_inside": "#d3d7dd",
-    "noise_shared": "#a9b0ba",
-}
-
 #: Line styles of an effect and of its rivals, in turn.
 DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)))
 
 #: s above which times are in minutes; range of a residual in multiples of its largest mark; findings in one figure, and
 #: inch of a panel of several.
 MINUTES, RANGE, MOST_COLUMNS, NARROW = 300.0, 1.6, 6, 3.6
+
+
+#: Title, effect, curve and label of what is drawn of a finding, or of a residual without a name (no effect).
+Column = tuple[str, str, Curve, str]
+CURRENT = "residual (A)"
 
 
 # The model
@@ -112,14 +106,11 @@ def share_figure(context: ReportContext) -> Drawing:
     names = sorted(total, key=lambda name: (order.index(name) if name in order else len(order), -total[name]))
     colours = {name: EFFECT_COLOURS.get(name) or next(palette) for name in names} | {UNEXPLAINED: BACKWARD}
     figure = Figure(figsize=(5.1, 0.42 * len(scores) + 1.75), layout="constrained")
-    bars = {
-        f"{score.joint}  {shortened(context.robot.joint(score.joint).name, 20)}": (
-            [(score.shares.get(name, 0.0), colour, 1.0) for name, colour in colours.items()],
-            amperes(score.rms),
-        )
-        for score in scores
-    }
-    stacked_bars(figure.subplots(), bars, "share of mean square current")
+    axes = figure.subplots()
+    _share_bars(axes, scores, colours)
+    axes.set_yticks(
+        range(len(scores)), [f"{x.joint}  {shortened(context.robot.joint(x.joint).name, 20)}" for x in scores]
+    )
     words = {
         name: [EFFECT_NAMES.get(effect, effect.replace("_", " ")) for effect in name.split(TOGETHER)]
         for name in colours
@@ -131,6 +122,27 @@ def share_figure(context: ReportContext) -> Drawing:
     caption = "Shares of the mean square of each joint's current, which heats the motor; right: RMS current."
     caption += " The fitted logs do not separate effects that share a colour." if is_merged else ""
     return Drawing("spent", f"{context.robot.name}: what the motor currents are spent on", caption, figure)
+
+
+def _share_bars(axes: Axes, scores: Sequence[JointScore], colours: dict[str, str]) -> None:
+    """A bar for each joint: the shares of effects, negative ones below zero, and the RMS current at its end."""
+    shares = np.array([[score.shares.get(name, 0.0) for name in colours] for score in scores])
+    above, below = shares.clip(min=0.0), shares.clip(max=0.0)
+    starts = np.where(shares < 0.0, below.cumsum(axis=1) - below, above.cumsum(axis=1) - above)
+    for part, start, colour in zip(shares.T, starts.T, colours.values(), strict=True):
+        bars = axes.barh(range(len(scores)), part, left=start, height=0.68, color=colour, linewidth=0)
+        texts = [f"{100.0 * share:.0f} %" if share >= ROOM else "" for share in part]
+        ink = DARK_INK if colour in PALE else "white"
+        axes.bar_label(bars, texts, label_type="center", color=ink, fontweight="bold")
+    for row, (score, end) in enumerate(zip(scores, above.sum(axis=1), strict=True)):
+        axes.text(end + 0.02, row, amperes(score.rms), va="center", fontsize=9.5)
+    lowest = float(below.sum(axis=1).min())
+    axes.set(ylim=(len(scores) - 0.4, -0.6), xlim=(1.05 * lowest if lowest < -0.01 else 0.0, 1.2 - lowest))
+    axes.set_xticks([0.0, 0.5, 1.0], ["0 %", "50 %", "100 %"])
+    axes.spines["bottom"].set_bounds(0.0, 1.0)
+    axes.set_xlabel("share of mean square current", x=0.4)
+    axes.tick_params(axis="y", left=False)
+    axes.spines["left"].set_visible(False)
 
 
 @styled()
@@ -339,44 +351,18 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
     axes.set_ylim(-top, top)
 
 
-# Residual budget
-
-
-@styled()
-def budget_figure(context: ReportContext) -> Drawing:
-    """Parts of each joint's mean squared residual, one bar a joint: significant parts first, noise last."""
-    joints, order = budgets(context.comparison), list(PART_COLOURS)
-
-    def bar(budget: Budget) -> list[tuple[float, str, float]]:
-        parts = sorted(budget.parts, key=lambda part: (max(order.index(part.name), 5), -part.mean_square))
-        opacity = [0.45 if part.name == "unassigned" and not part.is_more else 1.0 for part in parts]
-        return [(part_share(budget, p), PART_COLOURS[p.name], alpha) for p, alpha in zip(parts, opacity, strict=True)]
-
-    figure = Figure(figsize=(5.1, 0.42 * len(joints) + 1.5), layout="constrained")
-    axes = figure.subplots()
-    rmse = {joint: amperes(context.comparison.joints[joint - 1].rmse) for joint in joints}
-    bars = {f"joint {joint}": (bar(budget), rmse[joint]) for joint, budget in joints.items()}
-    stacked_bars(axes, bars, "share of the mean squared residual (right: RMSE)")
-    names = {part.name for budget in joints.values() for part in budget.parts if part.mean_square > 0.0}
-    handles = [Patch(color=colour, label=PART_NAMES[name]) for name, colour in PART_COLOURS.items() if name in names]
-    legend(figure, handles, 2)
-    axes.set_title("Residual budget")
-    return Drawing("budget", "Residual budget", BUDGET_CAPTION, figure)
-
-
 # Findings
 
 
 def finding_figure(finding: Finding, curve: Curve, robot: Robot, *, name: str, units: str = "rad") -> Drawing:
     """What an effect explains at the joint of one of its curves: without it above, with it below."""
-    effect = label(finding.effect)
+    effect, title = label(finding.effect), _title(finding, curve, robot)
     caption = f"Above: residual, means over runs with standard errors; line: current of {effect}."
     rivals = list(dict.fromkeys(line.effect for line in curve.lines if line.effect != finding.effect))
     if rivals:
         caption += f" Broken: {listed(rivals, 'or')}; where the lines differ, a run would decide."
     caption += f" Below: residual with {effect} in the model."
-    figure = _evidence([(finding, curve)], [], robot, units=units)
-    return Drawing(f"{name}_j{curve.joint}", _title(finding, curve, robot), caption, figure)
+    return Drawing(f"{name}_j{curve.joint}", title, caption, _evidence([(title, effect, curve, CURRENT)], units))
 
 
 def _title(finding: Finding, curve: Curve, robot: Robot) -> str:
@@ -384,78 +370,70 @@ def _title(finding: Finding, curve: Curve, robot: Robot) -> str:
     return f"{joint_title(robot, curve.joint)}: {label(finding.effect)}{other}"
 
 
-def shape_figure(joint: JointDiagnosis, robot: Robot, units: str = "rad") -> Drawing:
+def shape_figure(joint: int, shape: Unexplained, robot: Robot, *, units: str = "rad") -> Drawing:
     """The shape of a joint's residual that no effect explains."""
-    assert joint.unexplained is not None
-    caption = f"Means of the residual in bins. {form_sentence(joint.unexplained, units)}"
-    title = f"{joint_title(robot, joint.joint)}: residual that no effect explains"
-    return Drawing(f"unexplained_j{joint.joint}", title, caption, _evidence([], [joint], robot, units=units))
+    caption = f"Means of the residual in bins. {form_sentence(shape, units)}"
+    title = f"{joint_title(robot, joint)}: residual that no effect explains"
+    return Drawing(f"unexplained_j{joint}", title, caption, _evidence([_unexplained(joint, shape, robot)], units))
+
+
+def _unexplained(joint: int, shape: Unexplained, robot: Robot) -> Column:
+    """Title, no effect, the curve of a shape, and of what it is."""
+    side = Binned(0, shape.centres, shape.means, np.nan * shape.means, shape.errors, np.ones(len(shape.means)))
+    curve = Curve(joint, VARIABLES.get(shape.variable, shape.variable), shape.unit, (side,), ())
+    kind = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else CURRENT
+    return f"{joint_title(robot, joint)}: {shape.form}, unexplained", "", curve, kind
 
 
 def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> Drawing | None:
     """All findings in one figure, a column each, then shapes without a name; None where there is nothing to draw."""
-    curves = [(finding, curve) for finding in diagnosis.findings for curve in finding.curves][:MOST_COLUMNS]
-    shapes = [joint for joint in diagnosis.joints if joint.unexplained is not None][: MOST_COLUMNS - len(curves)]
-    if not curves and not shapes:
+    pairs = [(finding, curve) for finding in diagnosis.findings for curve in finding.curves]
+    columns = [(_title(finding, curve, robot), label(finding.effect), curve, CURRENT) for finding, curve in pairs]
+    columns += [_unexplained(x.joint, x.unexplained, robot) for x in diagnosis.joints if x.unexplained is not None]
+    if not columns:
         return None
-    figure = _evidence(curves, shapes, robot, units=units)
-    return Drawing("diagnosis", f"{robot.name}: missing effects", "", figure)
+    return Drawing("diagnosis", f"{robot.name}: missing effects", "", _evidence(columns[:MOST_COLUMNS], units))
 
 
 @styled()
-def _evidence(
-    curves: Sequence[tuple[Finding, Curve]], shapes: Sequence[JointDiagnosis], robot: Robot, *, units: str
-) -> Figure:
-    """A column for each curve, the residual without the effect above that with it, then one for each shape."""
-    count = len(curves) + len(shapes)
-    figure, grid = panels(2 if curves else 1, count, height=1.75 if curves else 2.4, sharex="col")
-    dashes = dict(zip(dict.fromkeys(line.effect for _, c in curves for line in c.lines), cycle(DASHES), strict=False))
-    for both, (finding, curve) in zip(grid.T, curves, strict=False):
-        _before_and_after(both, curve, dashes, units=units)
-        titles = (_title(finding, curve, robot), f"with {label(finding.effect)}")
-        for axes, title in zip(both, titles, strict=True):
-            axes.set_title(shortened(title, 44))
-        both[0].set_xlabel("")
-    for (axes, *empty), joint in zip(grid.T[len(curves) :], shapes, strict=True):
-        shape = joint.unexplained
-        assert shape is not None
-        scale = _frame(axes, VARIABLES.get(shape.variable, shape.variable), shape.unit, shape.centres, units=units)
-        if shape.form.startswith("v "):
-            axes.set_ylabel(f"viscous (A s/{shape.unit})")
-        error_marks(axes, scale * shape.centres, shape.means, errors=shape.errors, linestyle="-", linewidth=1.0)
-        axes.axvline(scale * shape.peak, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
-        axes.set_title(shortened(f"{joint_title(robot, joint.joint)}: {shape.form}, unexplained", 44))
-        axes.tick_params(labelbottom=True)
-        for below in empty:
-            below.set_axis_off()
-    ways = direction_handles(side.direction for _, curve in curves for side in curve.sides)
-    lines = [Line2D([], [], color=INK, linestyle=dash, label=name) for name, dash in dashes.items()]
-    legend(figure, [*ways, *lines], 2 * count)
+def _evidence(columns: Sequence[Column], units: str) -> Figure:
+    """For each column the residual without the effect above that with it, at one scale."""
+    has_effects = any(effect for _, effect, *_ in columns)
+    height = 1.75 if has_effects else 2.4
+    figure, grid = panels(1 + has_effects, len(columns), height=height, sharex="col", sharey="col")
+    lines = [line for _, _, curve, _ in columns for line in curve.lines]
+    dashes: dict[str, Any] = dict(zip(dict.fromkeys(line.effect for line in lines), cycle(DASHES), strict=False))
+    for both, (title, effect, curve, kind) in zip(grid.T, columns, strict=True):
+        for axes, name in zip(both, ("before", "after"), strict=False):
+            scale = _frame(axes, curve, kind, units=units)
+            for side in curve.sides:
+                x, y, dash = scale * side.centres, getattr(side, name), "" if side.direction else "-"
+                error_marks(axes, x, y, errors=side.errors, sign=side.direction, linestyle=dash)
+        for line in curve.lines:
+            style: dict[str, Any] = {"color": COLOURS[line.direction], "linestyle": dashes[line.effect]}
+            both[0].plot(scale * line.places, line.values, linewidth=1.4, **style)
+        both[-1].set_title(shortened(f"with {effect}", 44))
+        both[0].set_title(shortened(title, 44))
+        if has_effects:
+            both[1].set_visible(bool(effect))
+            both[0].set_xlabel("" if effect else both[1].get_xlabel())
+            both[0].tick_params(labelbottom=not effect)
+    ways = direction_handles(side.direction for _, _, curve, _ in columns for side in curve.sides)
+    handles = [Line2D([], [], color=INK, linestyle=dash, label=name) for name, dash in dashes.items()]
+    legend(figure, [*ways, *handles], 2 * len(columns))
     return figure
 
 
-def _before_and_after(both: Iterable[Axes], curve: Curve, dashes: dict[str, Any], *, units: str) -> None:
-    """The residual without an effect, with the effect's and its rivals' currents, and with it, at one scale."""
-    values = np.concatenate([side.centres for side in curve.sides])
-    means = [mean for side in curve.sides for mean in (side.before, side.after)]
-    top = RANGE * max(1e-9, *(float(np.nanmax(np.abs(mean), initial=0.0)) for mean in means))
-    for axes, name in zip(both, ("before", "after"), strict=True):
-        scale = _frame(axes, curve.variable, curve.unit, values, units=units)
-        axes.set_ylim(-top, top)
-        for side in curve.sides:
-            x, y = scale * side.centres, getattr(side, name)
-            error_marks(axes, x, y, errors=side.errors, sign=side.direction)
-        for line in curve.lines if name == "before" else ():
-            look: dict[str, Any] = {"color": COLOURS[line.direction], "linestyle": dashes[line.effect]}
-            axes.plot(scale * line.places, line.values, linewidth=1.4, **look)
-
-
-def _frame(axes: Axes, variable: str, unit: str, values: Floats, *, units: str) -> float:
+def _frame(axes: Axes, curve: Curve, kind: str, *, units: str) -> float:
     """Label the axes of a residual; the factor of the variable: degrees if asked for, minutes of long times."""
-    is_long = unit == "s" and np.nanmax(np.abs(values), initial=0.0) > MINUTES
-    scale, word = (1.0 / 60.0, "min") if is_long else in_unit(unit, units)
+    values = np.concatenate([side.centres for side in curve.sides])
+    is_long = curve.unit == "s" and np.nanmax(np.abs(values), initial=0.0) > MINUTES
+    scale, word = (1.0 / 60.0, "min") if is_long else in_unit(curve.unit, units)
     zero_line(axes)
     word = "°C" if word == "degC" else word
-    axes.set_xlabel(f"{variable} ({word})" if word else variable, labelpad=1)
-    axes.set_ylabel("residual (A)")
+    axes.set_xlabel(f"{curve.variable} ({word})" if word else curve.variable, labelpad=1)
+    axes.set_ylabel(kind)
+    means = [mean for side in curve.sides for mean in (side.before, side.after)]
+    top = RANGE * max(1e-9, *(float(np.nanmax(np.abs(mean), initial=0.0)) for mean in means))
+    axes.set_ylim(-top, top)
     return scale

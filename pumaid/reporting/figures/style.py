@@ -3,7 +3,7 @@
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -28,7 +28,7 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7
 
 #: Colours of areas, the same on light and dark pages because text stands on them; those that need dark text.
 AREAS = ("#0173b2", "#de8f05", "#029e73", "#cc78bc", "#56b4e9", "#ece133", "#7f5fa8", "#ca9161", "#949494")
-DARK_INK, PALE = "#1b1e23", {"#de8f05", "#cc78bc", "#56b4e9", "#ece133", "#ca9161", "#949494", "#a9b0ba", "#d3d7dd"}
+DARK_INK, PALE = "#1b1e23", {"#de8f05", "#cc78bc", "#56b4e9", "#ece133", "#ca9161", "#949494"}
 
 #: Colour on a light page -> on a dark one.
 DARK = {FORWARD: "#4fb0ea", BACKWARD: "#ff8a4c", FAINT: "#4a515c", GREY: "#9aa3af", TINT: "#1d2126"}
@@ -86,28 +86,19 @@ class Drawing:
     caption: str
     figure: Figure
 
-    def files(self, forms: Sequence[str]) -> dict[str, bytes]:
-        """The figure in several forms (``png``, ``svg``, ``pdf``, `INLINE`): always the same bytes."""
-        out: dict[str, bytes] = {}
-        with styled():
+    def file(self, form: str) -> bytes:
+        """The figure as ``png``, ``svg``, ``pdf`` or `INLINE`: always the same bytes."""
+        kind, stream = "svg" if form == INLINE else form, io.BytesIO()
+        metadata = {"Title": self.title, **_MAKER[kind]}
+        background = "none" if kind == "svg" else "white"
+        with styled(), mpl.rc_context({"svg.fonttype": "none" if form == INLINE else "path"}):
             layout = self.figure.get_layout_engine()
-            if layout is not None:
+            if layout is not None:  # laid out once for all forms
                 layout.execute(self.figure)
                 self.figure.set_layout_engine(None)
-            for form in forms:
-                kind, stream = "svg" if form == INLINE else form, io.BytesIO()
-                background = "none" if kind == "svg" else "white"
-                with mpl.rc_context({"svg.fonttype": "none" if form == INLINE else "path"}):
-                    metadata = {"Title": self.title, **_MAKER[kind]}
-                    self.figure.savefig(stream, format=kind, dpi=200, metadata=metadata, facecolor=background)
-                out[form] = stream.getvalue()
-        if INLINE in out:
-            out[INLINE] = inlined(out[INLINE].decode("utf-8"), self.name, self.title).encode("utf-8")
-        return out
-
-    def file(self, form: str) -> bytes:
-        """The figure in one form."""
-        return self.files([form])[form]
+            self.figure.savefig(stream, format=kind, dpi=200, metadata=metadata, facecolor=background)
+        data = stream.getvalue()
+        return inlined(data.decode("utf-8"), self.name, self.title).encode("utf-8") if form == INLINE else data
 
 
 def inlined(svg: str, name: str, title: str) -> str:
@@ -175,33 +166,6 @@ def zero_line(axes: Axes, floor: float | None = None) -> None:
     axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1)
     if floor is not None:
         axes.axhspan(-floor, floor, color=GREY, alpha=0.18, linewidth=0, zorder=0)
-
-
-def stacked_bars(axes: Axes, bars: Mapping[str, tuple[Iterable[tuple[float, str, float]], str]], note: str) -> None:
-    """A bar for each label: shares of (value, colour, opacity), negative ones below zero, and a text at its end.
-
-    Large shares are written in the bar; `note` says what they are of.
-    """
-    lowest = 0.0
-    for row, (parts, text) in enumerate(bars.values()):
-        ends = {True: 0.0, False: 0.0}
-        for share, colour, alpha in parts:
-            start = ends[share >= 0.0]
-            axes.barh(row, share, left=start, height=0.68, color=colour, alpha=alpha, linewidth=0)
-            ends[share >= 0.0] += share
-            if share >= ROOM:
-                ink = DARK_INK if colour in PALE else INK if alpha < 1.0 else "white"
-                middle = start + share / 2.0
-                axes.text(middle, row, f"{100.0 * share:.0f} %", ha="center", va="center", color=ink, fontweight="bold")
-        axes.text(ends[True] + 0.02, row, text, va="center", fontsize=9.5)
-        lowest = min(lowest, ends[False])
-    axes.set_yticks(range(len(bars)), list(bars))
-    axes.set(ylim=(len(bars) - 0.4, -0.6), xlim=(1.05 * lowest if lowest < -0.01 else 0.0, 1.2 - lowest))
-    axes.set_xticks([0.0, 0.5, 1.0], ["0 %", "50 %", "100 %"])
-    axes.spines["bottom"].set_bounds(0.0, 1.0)
-    axes.set_xlabel(note, x=0.4)
-    axes.tick_params(axis="y", left=False)
-    axes.spines["left"].set_visible(False)
 
 
 def clock_shifts(items: Iterable[Run | Reject], gap: float = 0.0) -> dict[int, float]:

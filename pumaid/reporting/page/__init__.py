@@ -2,7 +2,7 @@
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,13 +13,14 @@ from pumaid.dataset import BLOCK, Dataset
 from pumaid.diagnosis.records import Diagnosis
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import Comparison, RunScore
-from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, runs_frame
+from pumaid.joint_bins import SAME_POSTURE
+from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, scores_frame
 from pumaid.reporting.figures.style import DARK, INLINE, Drawing
-from pumaid.reporting.formatting import in_unit
 from pumaid.reporting.table import environment
 from pumaid.reporting.tables import comparison_table
+from pumaid.reporting.text import in_unit
 from pumaid.results.history import Ladder
-from pumaid.robot import Robot
+from pumaid.robot import Robot, posture_groups
 
 #: What a section's template sees by name.
 Content = dict[str, object]
@@ -29,9 +30,6 @@ _FIGURE = Markup(
     '<figure id="figure-{}" class="{}">\n<div class="picture">{}</div>\n'
     "<figcaption><b>{}.</b> {}</figcaption>\n</figure>"
 )
-
-#: Held positions closer than this (rad or m) count as the same posture.
-SAME_POSTURE = 0.03
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,18 +59,12 @@ class ReportContext:
 
     def postures(self, joint: int) -> list[list[RunScore]]:
         """Runs of a joint by the positions of the other joints, the largest group first; blocks are one group."""
-        groups: list[list[RunScore]] = []
-        for score in self.comparison.of_joint(joint):
-            posture = np.nan_to_num(score.run.posture)
-            for group in groups:
-                first = group[0].run
-                near = np.all(np.abs(np.nan_to_num(first.posture) - posture) < SAME_POSTURE)
-                if (score.run.kind == BLOCK) == (first.kind == BLOCK) and (near or first.kind == BLOCK):
-                    group.append(score)
-                    break
-            else:
-                groups.append([score])
-        return sorted(groups, key=lambda group: -len(group))
+        scores = self.comparison.of_joint(joint)
+        blocks = [score for score in scores if score.run.kind == BLOCK]
+        steady = [score for score in scores if score.run.kind != BLOCK]
+        held = np.array([score.run.posture for score in steady])
+        groups = [[steady[number] for number in group] for group in posture_groups(held, SAME_POSTURE)]
+        return sorted([*groups, blocks] if blocks else groups, key=lambda group: -len(group))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +116,7 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
     return whole.render(robot=robot, sections=names, parts=parts, version=__version__, dark=DARK)
 
 
-def report_files(context: ReportContext, forms: Iterable[str]) -> Iterator[tuple[str, bytes]]:
+def report_files(context: ReportContext, forms: Sequence[str]) -> Iterator[tuple[str, bytes]]:
     """Tables, figures in some `forms` and the page, which comes last: relative name and content; nothing is written."""
     for form in ("csv", "parquet", "latex", "markdown"):
         content = parameters_as(context.estimate, context.robot, form, units=context.units)
@@ -133,10 +125,9 @@ def report_files(context: ReportContext, forms: Iterable[str]) -> Iterator[tuple
     yield "tables/comparison.tex", table.latex().encode("utf-8")
     yield "tables/comparison.md", table.markdown().encode("utf-8")
     for form in ("csv", "parquet"):
-        yield f"tables/runs.{form}", frame_as(runs_frame(context.comparison), form)
-    contents, pictures = all_contents(context), {}
+        yield f"tables/runs.{form}", frame_as(scores_frame(context.comparison, context.robot), form)
+    contents, pictures = all_contents(context), dict[str, str]()
     for drawing in all_figures(contents):
-        files = drawing.files([*forms, INLINE])
-        pictures[drawing.name] = files.pop(INLINE).decode("utf-8")
-        yield from ((f"figures/{drawing.name}.{form}", content) for form, content in files.items())
+        pictures[drawing.name] = drawing.file(INLINE).decode("utf-8")
+        yield from ((f"figures/{drawing.name}.{form}", drawing.file(form)) for form in forms)
     yield "report.html", page(context, contents, pictures).encode("utf-8")

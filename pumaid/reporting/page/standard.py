@@ -12,6 +12,18 @@ from pumaid.reporting.page import Content, ReportContext, Section
 from pumaid.reporting.run_tables import axes_table, file_table, rejection_table, runs_by_joint_table
 from pumaid.reporting.table import Table
 
+#: Limits of the method, whatever the data.
+METHOD_LIMITS = (
+    "Parameters are in units of each joint's own motor current; torque constants and gear ratios are neither known nor"
+    " needed.",
+    "Lengths a and d of a chain of revolute joints are absorbed in the parameters: a wrong length in the recipe is not"
+    " detected here and does not change the predicted current.",
+    "At constant speed there is no inertia in the current; only strokes and blocks of any motion contain it.",
+    "Confidence intervals treat a run as one observation, because its samples share their error. With fewer than about"
+    " ten runs a joint they are wide.",
+    "Predictions are reliable within the postures, speeds and directions of the fitted runs.",
+)
+
 #: Runs in the table of those with the largest errors.
 WORST = 8
 
@@ -72,7 +84,6 @@ def residuals(context: ReportContext) -> Content | None:
         return None
     return {
         "parts": tables.budget_table(comparison, robot),
-        "budget": model.budget_figure(context),
         "figures": [model.residual_figure(context, [joint]) for joint in context.moving()],
         "worst": tables.worst_runs_table(comparison, robot, count=WORST, units=context.units),
     }
@@ -85,7 +96,8 @@ def missing(context: ReportContext) -> Content | None:
 
     def figures(number: int, item: Finding | JointDiagnosis | None) -> list[Drawing]:
         if isinstance(item, JointDiagnosis):
-            return [model.shape_figure(item, context.robot, context.units)] if item.unexplained else []
+            shape = item.unexplained
+            return [model.shape_figure(item.joint, shape, context.robot, units=context.units)] if shape else []
         draw = [(item, curve) for curve in item.curves] if item else []
         return [
             model.finding_figure(*pair, context.robot, name=f"finding_{number}", units=context.units) for pair in draw
@@ -108,7 +120,7 @@ def history(context: ReportContext) -> Content | None:
 def limits(context: ReportContext) -> Content:
     """What the numbers do not say."""
     notes = (*context.dataset.notes, *context.estimate.notes, *context.comparison.notes)
-    return {"notes": text.merge_notes(notes), "limits": text.METHOD_LIMITS}
+    return {"notes": text.merge_notes(notes), "limits": METHOD_LIMITS}
 
 
 def sources(context: ReportContext) -> Content:
