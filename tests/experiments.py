@@ -12,11 +12,10 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.gls import fit_bins
-from pumaid.io.log_reader import LogReader
 from pumaid.io.write import write_log
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
-from pumaid.preprocessing.segment import segment
+from pumaid.preprocessing.ingest import ingest
 from pumaid.simulation import Bench, Noise, Truth, simulate, table1
 from pumaid.trajectory import Plan
 
@@ -109,4 +108,4 @@ def logged(folder: Path, seed: int, *, rate: float = 100.0) -> Estimate:
     for number, (origin, batches) in enumerate(groupby(logs, key=lambda log: log.origin)):
         paths.append(folder / f"{origin}.{'csv' if number % 2 else 'parquet'}")
         write_log(paths[-1], batches, truth.robot)
-    return identify(segment(LogReader(paths, truth.robot), truth.robot), truth.robot)
+    return identify(ingest(paths, truth.robot), truth.robot)

@@ -40,7 +40,7 @@ def make(sample: dict[str, Any], root: Path) -> Path:
     robot = read_recipe(folder / "recipe.yaml")
     for name in sample["as_csv"]:
         path = folder / "logs" / f"{name}.parquet"
-        write_log(path.with_suffix(".csv"), LogReader([path], robot), robot)
+        write_log(path.with_suffix(".csv"), LogReader(path, robot), robot)
         path.unlink()
     (folder / "logs" / "truth.json").rename(folder / "truth.json")
     return folder

@@ -112,8 +112,7 @@ class Ladder:
         """Make the logs of `robot` and identify three models: plain, with coupled gears, with Stribeck friction."""
         plain, geared = recipe(coupled=False), recipe()
         with tempfile.TemporaryDirectory() as folder:
-            files = [puma.record(robot, Path(folder))]
-            (log,) = pumaid.LogReader(files, geared)
+            (log,) = pumaid.LogReader(puma.record(robot, Path(folder)), geared)
             dataset = pumaid.segment([log], geared)
         base = pumaid.identify(dataset, plain)
         more = pumaid.identify(dataset, geared, effects=[pumaid.EffectChoice("stribeck")])

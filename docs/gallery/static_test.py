@@ -71,7 +71,7 @@ def gravity(robot: Arm, joint: int, posture: Sequence[float]) -> tuple[float, fl
 def logged(robot: Arm) -> pumaid.Dataset:
     """The runs of the robot's own experiment."""
     with tempfile.TemporaryDirectory() as folder:
-        log = pumaid.LogReader([puma.record(robot, Path(folder))], recipe())
+        log = pumaid.LogReader(puma.record(robot, Path(folder)), recipe())
         return pumaid.segment(log, recipe())
 
 

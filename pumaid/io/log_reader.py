@@ -1,26 +1,63 @@
 """Logs of any format, read batch by batch as samples in SI: bad rows left out, time rising, positions without wraps.
 
-No step holds a file.
+A file's columns become the robot's quantities by the recipe's `log` block, which is guessed for a message where it does
+not fit. No step holds a file.
 """
 
+from __future__ import annotations
+
 import hashlib
+import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from pumaid.dataset import FileFacts, Log
-from pumaid.errors import LogError, Note, Where, listed
-from pumaid.io.columns import Columns, resolve
-from pumaid.io.formats import HEAD_BYTES, log_format
+from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
+from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.robot import Robot
+from pumaid.robot import Joint, LogFormat, Robot
+from pumaid.units import UNITS
 
-Rows = Counts
+#: Quantities of a joint in the order in which a table's columns are kept.
+QUANTITIES = ("position", "velocity", "current", "temperature")
 
+#: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
+ALIKE = 0.7
+
+#: Words by which a column's name tells what it holds, strongest first. Compared with the name's words in lower case.
+_WORDS = {
+    "velocity": ("velocity", "vel", "qd", "dq", "speed", "omega", "qdot"),
+    "current": ("current", "cur", "curr", "i", "iq", "amp", "amps"),
+    "temperature": ("temperature", "temp", "temperatures"),
+    "position": ("position", "pos", "q", "angle", "theta", "positions"),
+}
+_TIME = ("t", "time", "timestamp", "time_s", "seconds", "sec", "clock", "stamp")
+#: Units that words of a name tell.
+_UNIT_WORDS = {
+    "time": {"ms": "ms", "msec": "ms", "us": "us", "ns": "ns", "millis": "ms", "nanosec": "ns"},
+    "position": {"deg": "deg", "degree": "deg", "degrees": "deg"},
+    "velocity": {"deg": "deg/s", "degree": "deg/s", "degrees": "deg/s"},
+    "current": {"mA": "mA"},
+}
+#: What the absence of a quantity's column means.
+_ABSENCE = {
+    "current": "the runs of these joints show no current and are not identified",
+    "velocity": "all velocities are derived from position",
+    "temperature": "these temperatures are not known",
+}
+
+#: Wanted, not measured: never proposed while a measured column is there.
+_WANTED = {"target", "cmd", "command", "commanded", "cmptd", "computed", "ref", "reference", "desired", "des", "set"}
+_MEASURED = {"actual", "measured", "meas", "act", "real"}
 #: No joint of an arm has a position, velocity or current beyond this (SI): what is, is garbage of the recorder.
 ABSURD = 1e6
 #: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
@@ -75,19 +112,16 @@ _KINDS = {
 
 
 class LogReader:
-    """The samples of some logs, in SI, as an iterable of `Log` batches in the order of the files.
-
-    A file whose first time follows the last time of the file before shares its clock; else its first batch has
-    `starts_clock` set. After the pass `files` and `notes` tell what was read.
+    """The samples of a log, in SI, as `Log` batches; after a pass over them `files` and `notes` tell what was read.
 
     Parameters
     ----------
-    paths
-        Files as `pumaid.io.paths.expand` gives them; ``-`` is standard input.
+    path
+        A file as `pumaid.io.paths.expand` gives it; ``-`` is standard input.
     robot
         Its `log` names the columns, their units and signs.
     extra
-        Columns to read besides what the recipe names, as the files call them; they arrive as `Log.extra`.
+        Columns to read besides what the recipe names, as the file calls them; they arrive as `Log.extra`.
 
     Raises
     ------
@@ -95,55 +129,42 @@ class LogReader:
         While iterating: [column-missing, not-a-log, file-not-readable, not-a-number, bad-samples, time-not-rising].
     """
 
-    def __init__(self, paths: Iterable[LogPath], robot: Robot, *, extra: Sequence[str] = ()) -> None:
-        self._paths = tuple(path if is_remote(path) else Path(path) for path in paths)
-        self._robot = robot
+    def __init__(self, path: LogPath, robot: Robot, *, extra: Sequence[str] = ()) -> None:
+        self._path, self._robot = path if is_remote(path) else Path(path), robot
         self.extra = tuple(dict.fromkeys(extra))
         self.files: tuple[FileFacts, ...] = ()
         self.notes: tuple[Note, ...] = ()
 
     def __iter__(self) -> Iterator[Log]:
-        self.files, self.notes = (), ()
-        for path in self._paths:
-            name = "<stdin>" if path == STDIN else str(path)
-            with local_copy(path) as file:
-                yield from self._samples(file, name)
-
-    def _samples(self, file: Path, name: str) -> Iterator[Log]:
-        before = file.stat()
-        with file.open("rb") as stream:
-            source = log_format(stream.read(HEAD_BYTES), name)(file, name)
-            stream.seek(0)
-            digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
-        columns = resolve(source.schema(), self._robot, name, extra=self.extra)
-        follows = next((facts.last_time for facts in reversed(self.files) if facts.rows), None)
-        cleaner = Cleaner(self._robot, columns, name, follows=follows)
-        for rows, values in source.batches(columns.names):
-            log = cleaner.take(rows, values)
-            if log is not None:
-                yield log
-        notes = [*columns.notes, *cleaner.notes(), *source.notes]
-        if not cleaner.n_rows:
-            notes.append(Note("empty-log", "the log has a header but no row", Where(file=name)))
-        after = file.stat()
+        name = "<stdin>" if self._path == STDIN else str(self._path)
+        with local_copy(self._path) as file:
+            before = file.stat()
+            with file.open("rb") as stream:
+                source = log_format(stream.read(HEAD_BYTES), name)(file, name)
+                stream.seek(0)
+                digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
+            columns = resolve(source.schema(), self._robot, name, extra=self.extra)
+            cleaner = Cleaner(self._robot, columns, name)
+            yield from filter(None, (cleaner.take(*batch) for batch in source.batches(columns.names)))
+            after = file.stat()
         # Else the digest is of another content.
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
             what, mend = f"{name} changed while it was read", "read it again when the recording has ended"
             raise LogError("file-not-readable", what, Where(file=name), mend)
-        times = (cleaner.interval, cleaner.first_time, cleaner.last_time)
-        self.files = (*self.files, FileFacts(name, digest, cleaner.n_rows, *times))
-        self.notes = (*self.notes, *notes)
+        empty = Note("empty-log", "the log has a header but no row", Where(file=name))
+        self.notes = (*columns.notes, *cleaner.notes(), *source.notes, *([] if cleaner.n_rows else [empty]))
+        self.files = (FileFacts(name, digest, cleaner.n_rows, cleaner.interval, cleaner.first_time, cleaner.last_time),)
 
 
 class Cleaner:
     """Turns the batches of one file into logs, and counts what is worth a note.
 
-    `columns` say what the numbers mean. A first time beyond `follows`, the last time of the file before (s), continues
-    that clock. `n_rows` counts bad rows, too; `first_time` and `last_time` (s) are of the samples so far.
+    `columns` say what the numbers mean. `n_rows` counts bad rows, too; `first_time` and `last_time` (s) are of the
+    samples so far.
     """
 
-    def __init__(self, robot: Robot, columns: Columns, name: str, *, follows: float | None) -> None:
-        self.robot, self.columns, self.name, self.follows = robot, columns, name, follows
+    def __init__(self, robot: Robot, columns: Columns, name: str) -> None:
+        self.robot, self.columns, self.name = robot, columns, name
         self.n_rows, self.first_time, self.last_time = 0, math.nan, math.nan
         self._last: Floats | None = None
         self._turns = np.zeros(robot.n_joints)
@@ -156,7 +177,7 @@ class Cleaner:
         """Median of the first times between samples, s."""
         return float(np.median(self._steps)) if len(self._steps) else math.nan
 
-    def take(self, rows: Rows, table: Floats) -> Log | None:
+    def take(self, rows: Counts, table: Floats) -> Log | None:
         """The samples of the next batch: rows (N,), values (C, N) as the file holds them, which are changed in place.
 
         Of rows that share a time the first stays; None where no row does.
@@ -173,13 +194,12 @@ class Cleaner:
         before, self._last = self._last, table[:, -1].copy()
         self._count_steps(rows, table[0], before)
         self._unwrap(rows, table, before)
-        starts_clock = before is None and self.follows is not None and not table[0, 0] > self.follows
         self.first_time = float(table[0, 0]) if before is None else self.first_time
         self.last_time = float(table[0, -1])
         quantities = {quantity: self._by_place(quantity, table) for quantity in self.columns.places}
-        return Log(self.name, rows, table[0], starts_clock=starts_clock, **quantities)
+        return Log(self.name, rows, table[0], **quantities)
 
-    def _mark(self, kind: str, rows: Rows, faulty: Mapping[str, Flags]) -> Flags:
+    def _mark(self, kind: str, rows: Counts, faulty: Mapping[str, Flags]) -> Flags:
         """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
         is_faulty = np.logical_or.reduce([np.zeros(len(rows), bool), *faulty.values()])
         counts = self._faults[kind]
@@ -189,8 +209,8 @@ class Cleaner:
                 counts[name] = (count + int(np.count_nonzero(flags)), first)
         return is_faulty
 
-    def _without_bad(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
-        """Rows whose time, positions and measured velocities and currents are what an arm can have."""
+    def _without_bad(self, rows: Counts, table: Floats) -> tuple[Counts, Floats]:
+        """Counts whose time, positions and measured velocities and currents are what an arm can have."""
         self.n_rows += len(rows)
         limits = np.full((len(table), 1), ABSURD)
         limits[0] = ABSURD_TIME
@@ -214,7 +234,7 @@ class Cleaner:
         )
         return rows[~is_bad], table[:, ~is_bad]
 
-    def _without_ties(self, rows: Rows, table: Floats) -> tuple[Rows, Floats]:
+    def _without_ties(self, rows: Counts, table: Floats) -> tuple[Counts, Floats]:
         if not len(rows):
             return rows, table
         steps = np.diff(table[0], prepend=table[0, 0] - 1.0 if self._last is None else self._last[0])
@@ -233,7 +253,7 @@ class Cleaner:
         self._mark("tied", rows, {name: (steps == 0.0) & ~is_same})
         return rows[steps > 0.0], table[:, steps > 0.0]
 
-    def _count_steps(self, rows: Rows, time: Floats, before: Floats | None) -> None:
+    def _count_steps(self, rows: Counts, time: Floats, before: Floats | None) -> None:
         """Take in the times between samples; those that may be gaps are held until the median stands."""
         steps = np.diff(time, prepend=time[0] if before is None else before[0])
         room = _PROBE - len(self._steps)
@@ -242,7 +262,7 @@ class Cleaner:
         if is_long.any():
             self._long = np.hstack([self._long, [rows[is_long], time[is_long] - steps[is_long], steps[is_long]]])
 
-    def _unwrap(self, rows: Rows, table: Floats, before: Floats | None) -> None:
+    def _unwrap(self, rows: Counts, table: Floats, before: Floats | None) -> None:
         """Take whole turns out of jumps that no motion explains, in place."""
         before = table[:, 0] if before is None else before
         seconds = np.diff(table[0], prepend=before[0])
@@ -315,3 +335,184 @@ class Cleaner:
             about = f"the median interval is {median:.4g} s and no run crosses a gap"
             notes.append(Note("gaps", f"{text}; {about}", Where(file=self.name, row=int(rows[0]))))
         return notes
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Columns:
+    """Which columns of one file are read and what each means.
+
+    Attributes
+    ----------
+    names, factors
+        (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign.
+    places
+        Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
+        the column asked for instead of the joint's. These stand last in `names`.
+    notes
+        What is absent and may be.
+    """
+
+    names: tuple[str, ...]
+    factors: Floats
+    places: dict[str, Counts]
+    notes: tuple[Note, ...]
+
+
+def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
+    """Unit word of a joint's quantity in this robot's logs.
+
+    ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
+    for revolute, mm for prismatic ones); without a word it is SI.
+    """
+    position = joint.position_unit
+    si = {"position": position, "velocity": f"{position}/s", "current": "A", "temperature": "degC"}[quantity]
+    words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
+    return next((word for word in words if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
+
+
+def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
+    """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position."""
+    signs = robot.log.signs.get(quantity)
+    if signs is None and quantity == "velocity":
+        signs = robot.log.signs.get("position")
+    sign = 1 if signs is None or quantity == "temperature" else signs[joint.number - 1]
+    return float(sign * UNITS[unit_of(robot, quantity, joint)][1])
+
+
+def time_factor(robot: Robot) -> float:
+    """Seconds in one unit of the log's time."""
+    return UNITS[robot.log.units.get("time", "s")][1]
+
+
+def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> Columns:
+    """Find the robot's columns in a file (`name` for messages), and those of `extra`, read without a factor.
+
+    Raises
+    ------
+    LogError [column-missing]
+        Time, a position or a column of `extra` is absent, no current is there at all, or a needed name stands twice;
+        with what the file has, the nearest name, or a `log` block to paste. Several are told together (`Faults`).
+    """
+    header = [column.name for column in schema]
+    wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
+    wanted["extra"] = list(extra)
+    refuse(_faults(header, robot, wanted, name))
+    unit = schema[header.index(robot.log.time)].unit
+    names, factors = [robot.log.time], [UNITS[unit][1] if unit else time_factor(robot)]
+    places: dict[str, Counts] = {}
+    notes: list[Note] = []
+    for quantity, asked in wanted.items():
+        present = {k: column for k, column in enumerate(asked) if column in header}
+        lacking = [column for column in asked if column is not None and column not in header]
+        # A velocity or temperature that nobody named is passed over in silence.
+        usual = getattr(LogFormat(), quantity, None)
+        is_asked = quantity == "current" or present or getattr(robot.log, quantity, None) != usual
+        if lacking and is_asked and quantity in _ABSENCE:
+            text = f"no column {listed(lacking)}: {_ABSENCE[quantity]}"
+            notes.append(Note("column-absent", text, Where(file=name)))
+        if quantity == "velocity" and lacking:
+            present = {}
+        indices = [(k, len(names) + count) for count, k in enumerate(present)]
+        places[quantity] = np.array(indices, dtype=np.int64).reshape(-1, 2)
+        names += map(str, present.values())
+        factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
+    templates = [template for template in (robot.log.position, robot.log.current) if "{joint" in template]
+    beyond = [template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="") for template in templates]
+    more = [column for column in beyond if column in header]
+    if more:
+        text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"
+        notes.append(Note("more-joints", text, Where(file=name)))
+    return Columns(tuple(names), np.array(factors), places, tuple(notes))
+
+
+def _faults(
+    header: Sequence[str], robot: Robot, wanted: Mapping[str, list[str | None]], name: str
+) -> list[PumaidError]:
+    faults: list[PumaidError] = []
+    currents = list(map(str, wanted["current"]))
+    missing = [str(column) for column in [robot.log.time, *wanted["position"]] if column not in header]
+    missing = missing or ([] if any(column in header for column in currents) else currents)
+    where = Where(file=name, row=1)
+    if missing:
+        what = f"{name} has no column {listed(missing)}; it has {listed(header, 12)}"
+        faults.append(LogError("column-missing", what, where, _mend(header, robot, missing)))
+    used = {robot.log.time, *(column for columns in wanted.values() for column in columns)}
+    doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]
+    if doubled:
+        what = f"{name} has column {listed(doubled)} more than once"
+        faults.append(LogError("column-missing", what, where, "rename or remove all but one"))
+    for column in wanted["extra"]:
+        if column not in header:
+            mend = meant(column, header)
+            faults.append(LogError("column-missing", f"{name} has no column {column}", where, mend))
+    return faults
+
+
+def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
+    block = paste_block(header, robot)
+    if block:
+        return f"if these are the columns meant, put this into the recipe:\n{block}"
+    # What the recipe names already is no other quantity.
+    named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
+    free = [column for column in header if column not in named]
+    near = {column: nearest(column, free, cutoff=ALIKE) for column in missing[:3]}
+    hints = [f"the nearest to {column} is {name}" for column, name in near.items() if name]
+    return "; ".join([*hints, "name this file's columns in the recipe's log block (pumaid init shows one)"])
+
+
+def paste_block(header: Sequence[str], robot: Robot) -> str | None:
+    """A recipe's `log` block that reads this header, or none if time, positions or currents are not recognised."""
+    exact = [name for word in _TIME for name in header if name.lower() == word]
+    times = exact + [name for name in header if set(_words(name)) & set(_TIME)]
+    templates = _templates(header, robot)
+    chosen = {}
+    for quantity in QUANTITIES:
+        scores = {template: _score(template, quantity) - beyond for template, beyond in templates.items()}
+        best = max(scores, key=lambda template: scores[template], default="")
+        if scores.get(best, -math.inf) > -math.inf:
+            chosen[quantity] = best
+    if not times or "position" not in chosen or "current" not in chosen:
+        return None
+    lines = [f"  {key}: {json.dumps(name, ensure_ascii=False)}" for key, name in {"time": times[0], **chosen}.items()]
+    units = [
+        f"{quantity}: {unit}"
+        for quantity, template in {"time": times[0], **chosen}.items()
+        for word, unit in _UNIT_WORDS.get(quantity, {}).items()
+        if word in {*_words(template), *re.findall(r"(?<![A-Za-z])mA(?![A-Za-z])", template)}
+    ]
+    lines += [f"  units: {{{', '.join(units)}}}"] if units else []
+    return "\n".join(["log:", *lines])
+
+
+def _words(name: str) -> list[str]:
+    """The lower-case words of a name: ``motorPos_rad[3]`` gives motor, pos, rad."""
+    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\{\w+\}", " ", name))
+    return [word for word in re.split(r"[^a-z]+", apart.lower()) if word]
+
+
+def _templates(header: Sequence[str], robot: Robot) -> dict[str, bool]:
+    """Templates that name a column for every joint, and whether there is a column for one joint more."""
+    templates = {}
+    numbers = range(robot.n_joints + 1)
+    first_name = robot.joints[0].name
+    for name in header:
+        places = [(name[: match.start()], name[match.end() :]) for match in re.finditer(r"\d+", name)]
+        for (before, after), (key, first) in product(places, (("{joint}", 1), ("{joint0}", 0))):
+            *columns, beyond = [f"{before}{first + k}{after}" in header for k in numbers]
+            if all(columns):
+                templates[f"{before}{key}{after}"] = beyond
+        if first_name in name and all(name.replace(first_name, joint.name, 1) in header for joint in robot.joints):
+            templates[name.replace(first_name, "{name}", 1)] = False
+    return templates
+
+
+def _score(template: str, quantity: str) -> float:
+    """How well the words of a template speak of a quantity."""
+    words = _words(template)
+    hits = [_WORDS[quantity].index(word) for word in words if word in _WORDS[quantity]]
+    if not hits:
+        return -math.inf
+    # "TorqueCur" and "PositionCmptd" speak of two things: what other words say counts against.
+    score = 10.0 - 0.1 * min(hits) - len(words)
+    score -= 5.0 * bool(_WANTED & set(words)) - 2.0 * bool(_MEASURED & set(words))
+    return score - 5.0 * any(word in _WORDS[other] for other in _WORDS if other != quantity for word in words)

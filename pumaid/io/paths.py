@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -30,16 +31,12 @@ class _Disk:
     """This machine's files by the names that fsspec gives the same questions."""
 
     isdir, open = staticmethod(os.path.isdir), staticmethod(open)
+    glob = staticmethod(partial(glob.glob, recursive=True))  # `**` crosses folders
 
     @staticmethod
     def isfile(path: str) -> bool:
         """Whether there is anything but a folder, such as a pipe."""
         return os.path.exists(path) and not os.path.isdir(path)  # noqa: PTH110, PTH112 - texts
-
-    @staticmethod
-    def glob(pattern: str) -> list[str]:
-        """What matches; ``**`` crosses folders."""
-        return glob.glob(pattern, recursive=True)  # noqa: PTH207 - absolute patterns and **
 
     @staticmethod
     def find(folder: str) -> Iterator[str]:

@@ -1,7 +1,5 @@
 """Plans on disk: YAML that people edit and robots' programs read; written also as CSV, one row a run."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Iterator
 from functools import partial
@@ -161,19 +159,19 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
     """
     entries = _entries(plan, robot, "deg")
     if format == "csv":
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
         units = [unit for unit, _ in _units(robot, "deg")]
         holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
-        writer.writerow(["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"])
+        rows = [["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"]]
         for count, run in enumerate(entries["runs"], start=1):
             numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
-            writer.writerow([count, run["joint"], *numbers, units[run["joint"] - 1], run["purpose"]])
-        return out.getvalue()
-    entries["duration"] = round(plan.duration, 1)
-    entries["efficiency"] = None if plan.efficiency is None else round(plan.efficiency, 3)
-    entries["expected_std_errors"] = {name: float(f"{value:.3g}") for name, value in plan.expected.items()}
-    entries["notes"] = [{"note": note.slug, "text": note.text} for note in plan.notes]
+            rows.append([str(count), str(run["joint"]), *numbers, units[run["joint"] - 1], run["purpose"]])
+        return "".join(",".join(row) + "\n" for row in rows)
+    entries |= {
+        "duration": round(plan.duration, 1),
+        "efficiency": None if plan.efficiency is None else round(plan.efficiency, 3),
+        "expected_std_errors": {name: float(f"{value:.3g}") for name, value in plan.expected.items()},
+        "notes": [{"note": note.slug, "text": note.text} for note in plan.notes],
+    }
     lines = [
         "# Runs to be executed in this order. One joint moves from `from` to `to` at speed `velocity` (in deg/s, or",
         "# m/s if it slides); the others stay at `hold` (its own entry is ignored). expected_std_errors are in SI,",

@@ -33,22 +33,20 @@ from pumaid.units import UNITS, factor
 
 #: The recipe's name in an experiment's folder.
 RECIPE_NAME = "recipe.yaml"
-#: Longest link and rail (m), and fastest rail (m/s); larger numbers are in millimetres.
-LONGEST_LINK, LONGEST_RAIL, FASTEST_RAIL = 20.0, 100.0, 20.0
+#: Longest link, m; larger numbers are in millimetres.
+LONGEST_LINK = 20.0
 #: Gravity, m/s2: 1.6 on the Moon, 25 on Jupiter.
 LEAST_GRAVITY, MOST_GRAVITY = 1.5, 30.0
-#: Limits (rad) beyond this are in degrees where the file does not state its unit; and beyond this in any case wrong.
-WIDEST_UNSTATED, WIDEST = 4.0 * math.pi, 200.0 * math.pi
-#: Slowest and fastest highest speed of a revolute joint, rad/s.
-SLOWEST, FASTEST = 1e-4, 1e3
+#: rad; limits and speeds beyond this are in degrees where the file does not state its unit.
+WIDEST_UNSTATED = 4.0 * math.pi
 #: Quarter turns (rad) in a file of degrees are radians, to this rounding.
 QUARTERS, ROUNDING = tuple(quarter * math.pi / 2.0 for quarter in (1, 2, 3)), 5e-4
 #: Smallest and largest size (SI) of a joint's number, by its key and whether it is of a slide; and what to do.
 SIZES = {
-    ("limits", False): (0.0, WIDEST, "leave limits out for a joint that turns without end"),
-    ("limits", True): (0.0, LONGEST_RAIL, "prismatic joints are in m; divide by 1000"),
-    ("max_velocity", False): (SLOWEST, FASTEST, "write a number above 0, or leave the key out"),
-    ("max_velocity", True): (1e-9, FASTEST_RAIL, "prismatic joints are in m/s; divide by 1000"),
+    ("limits", False): (0.0, 200.0 * math.pi, "leave limits out for a joint that turns without end"),
+    ("limits", True): (0.0, 100.0, "prismatic joints are in m; divide by 1000"),
+    ("max_velocity", False): (1e-4, 1e3, "write a number above 0, or leave the key out"),
+    ("max_velocity", True): (1e-9, 20.0, "prismatic joints are in m/s; divide by 1000"),
 }
 
 _PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*([1-9]\d*(?:\.\d*)?))?\s*")
@@ -496,10 +494,8 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
         return _given(given)
     folders = list(dict.fromkeys(_folder_of(Path(log)) for log in logs if str(log) != "-"))
     above = [folder / ".." if str(folder) == "." else folder.parent for folder in folders]
-    searched: list[Path] = []
-    for places in (folders, above, [Path()]):
-        candidates = [place / RECIPE_NAME for place in dict.fromkeys(places)]
-        searched += [candidate for candidate in candidates if candidate not in searched]
+    tiers = [dict.fromkeys(place / RECIPE_NAME for place in places) for places in (folders, above, [Path()])]
+    for candidates in tiers:
         recipes = [candidate for candidate in candidates if candidate.is_file()]
         if len({recipe.read_bytes() for recipe in recipes}) > 1:
             what = f"the logs' folders hold different recipes: {', '.join(map(str, recipes))}"
@@ -507,6 +503,7 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
             raise RecipeError("recipe-not-found", what, Where(), mend)
         if recipes:
             return recipes[0]
+    searched = dict.fromkeys(candidate for candidates in tiers for candidate in candidates)
     what = f"no {RECIPE_NAME} found; searched {', '.join(map(str, searched))}"
     named = [str(path) for place in searched for path in sorted(place.parent.glob("*recipe*.y*ml"))]
     mend = f"name one with --recipe {(*named, 'FILE')[0]}, or write one with: pumaid init puma560 -o recipe.yaml"

@@ -175,13 +175,6 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
     return UrdfRecipe(text, robot, urdf, base, tip, arm, left_out, notes)
 
 
-class _Builder(ElementTree.TreeBuilder):
-    """Refuses document types, and with them entities."""
-
-    def doctype(self, name: str, *_: object) -> None:
-        raise ValueError(f"the file has a document type: take the line <!DOCTYPE {name[:40]} ...> away")
-
-
 def _read(path: Path) -> UrdfFile:
     """A URDF with its links and joints, which are trees."""
     content, file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
@@ -237,7 +230,7 @@ def _read(path: Path) -> UrdfFile:
 def _parsed(content: bytes, file: str) -> ElementTree.Element:
     """The element <robot>, tags without namespaces."""
     try:
-        robot = ElementTree.fromstring(content, ElementTree.XMLParser(target=_Builder()))
+        robot = ElementTree.fromstring(content)
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # also an encoding that Python lacks
         line, mend = getattr(error, "position", (None,))[0], "every tag must be closed and quoted, the text UTF-8"
         what = f"this is not XML that can be read: {error}"

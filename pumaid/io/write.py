@@ -20,7 +20,7 @@ import numpy as np
 
 from pumaid.dataset import Log
 from pumaid.errors import ModelError, ResultError, Where
-from pumaid.io.columns import QUANTITIES, factor_of, time_factor
+from pumaid.io.log_reader import QUANTITIES, factor_of, time_factor
 from pumaid.io.paths import STDIN, is_log
 from pumaid.robot import Joint, Robot
 

@@ -84,7 +84,7 @@ def read_file(
     path: LogPath, *, robot: Robot, options: SegmentOptions, extra: tuple[str, ...] = ()
 ) -> tuple[Dataset, LogStatistics]:
     """Read and segment one file, whose recordings count from 0; with sums by which its columns are checked."""
-    reader, sums = LogReader((path,), robot, extra=extra), LogStatistics(robot)
+    reader, sums = LogReader(path, robot, extra=extra), LogStatistics(robot)
     return segment(reader, robot, options=options, watch=sums.take), sums
 
 

@@ -10,10 +10,10 @@ import pytest
 from pumaid.design.plan import plan
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
+from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.segment import segment
 from pumaid.results.truth_file import as_json
 from pumaid.robot import Robot
@@ -93,7 +93,7 @@ def test_a_slide_with_strokes(tmp_path):
 def test_identify_and_diagnose_fit_the_same_parameters():
     """On the shipped pendulum's logs, strokes among them, both agree, where inertias were nine errors apart."""
     robot = read_recipe(SAMPLE / "recipe.yaml")
-    dataset = segment(LogReader(sorted((SAMPLE / "logs").glob("session*")), robot), robot)
+    dataset = ingest(sorted((SAMPLE / "logs").glob("session*")), robot)
     estimate = identify(dataset, robot)
     fitted = fit_with_replicates(Model.of_runs(robot, dataset.runs), joint_bins(robot, dataset.runs))
     values = dict(zip(fitted.model.names, fitted.values, strict=True))

@@ -110,7 +110,7 @@ def test_a_log_format_is_one_file(added, tmp_path):
     rows = np.column_stack([np.arange(50) * 0.01, *np.random.default_rng(0).normal(size=(4, 50))])
     path = tmp_path / "session.dummy"
     path.write_text("DUMMY\n" + " ".join(names) + "\n" + "\n".join(" ".join(map(str, row)) for row in rows))
-    (log,) = LogReader([path], robot)
+    (log,) = LogReader(path, robot)
     assert np.allclose(log.current, rows[:, 3:])
 
 

@@ -6,7 +6,6 @@ import hashlib
 import io
 import lzma
 import sys
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,9 +55,9 @@ def text(log: Log, *, delimiter: str = ",", decimal: str = ".") -> str:
     return "\n".join(lines) + "\n"
 
 
-def read(paths: Iterable[Path] | Path, robot: Robot, **options: int) -> tuple[Log, LogReader]:
+def read(path: Path, robot: Robot) -> tuple[Log, LogReader]:
     """All batches joined, and the reader with its facts and notes."""
-    reader = LogReader([paths] if isinstance(paths, Path) else paths, robot, **options)
+    reader = LogReader(path, robot)
     return Log.joined(list(reader)), reader
 
 
@@ -74,7 +73,7 @@ def refusal(path: Path, content: str | bytes, robot: Robot | None = None) -> Log
     """The error that a file of this content is refused with."""
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     with pytest.raises(LogError) as caught:
-        list(LogReader([path], robot or arm()))
+        list(LogReader(path, robot or arm()))
     return caught.value
 
 
@@ -214,18 +213,14 @@ def test_standard_input_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert (reader.files[0].name, reader.files[0].digest) == ("<stdin>", hashlib.sha256(data).hexdigest())
 
 
-def test_files_share_a_clock_only_where_times_follow(tmp_path: Path) -> None:
-    """The second file goes on, the third starts anew; one without rows stops nothing and is noted."""
-    (tmp_path / "d.csv").write_text("t,q1,q2,i1,i2\n")
-    for name, start in (("a", 0.0), ("b", 5.0), ("c", 0.0)):
-        log = motion(50)
-        log.time[:] += start
-        write_log(tmp_path / f"{name}.csv", [log], arm())
-    reader = LogReader([tmp_path / f"{name}.csv" for name in "abcd"], arm())
-    assert [log.starts_clock for log in reader] == [False, False, True]
-    assert [facts.rows for facts in reader.files] == [50, 50, 50, 0]
-    assert [note.slug for note in reader.notes] == ["empty-log"]
-    assert reader.files[1].first_time == 5.0 and reader.files[1].interval == pytest.approx(0.01)
+def test_a_log_without_rows_stops_nothing(tmp_path: Path) -> None:
+    """It is noted; of one with rows the interval is a fact."""
+    (tmp_path / "b.csv").write_text("t,q1,q2,i1,i2\n")
+    write_log(tmp_path / "a.csv", [motion(50)], arm())
+    reader, other = LogReader(tmp_path / "a.csv", arm()), LogReader(tmp_path / "b.csv", arm())
+    assert (len(list(reader)), list(other)) == (1, [])
+    assert (reader.files[0].rows, other.files[0].rows, [note.slug for note in other.notes]) == (50, 0, ["empty-log"])
+    assert reader.files[0].interval == pytest.approx(0.01)
 
 
 def test_wraps_are_unwrapped_and_nothing_else(tmp_path: Path) -> None:
@@ -276,11 +271,11 @@ def test_an_absent_number_keeps_its_row(tmp_path: Path) -> None:
         assert np.isnan(log.current[:, 0]).all() and log.current[:, 1].tolist() == [1.0, 1.0]
         assert [note.slug for note in reader.notes] == ["column-absent"] and "i1" in reader.notes[0].text
     (tmp_path / "a.csv").write_text("t,q1,i1,temp1\n0,0,1,30\n1,0,1,\n")
-    (log,) = list(LogReader([tmp_path / "a.csv"], arm(1)))
+    (log,) = list(LogReader(tmp_path / "a.csv", arm(1)))
     assert log.temperature is not None and np.array_equal(log.temperature[:, 0], [30.0, np.nan], equal_nan=True)
     rows = [f"{k / 100},{k / 50},{'nan' if k % 3 else 2},1\n" for k in range(60)]
     (tmp_path / "a.csv").write_text("t,q1,qd1,i1\n" + "".join(rows) + "0.6,1.2,1e298,1\n")
-    (log,) = list(reader := LogReader([tmp_path / "a.csv"], arm(1)))
+    (log,) = list(reader := LogReader(tmp_path / "a.csv", arm(1)))
     assert len(log) == 60 and log.velocity is not None and np.count_nonzero(np.isnan(log.velocity)) == 40
     texts = {note.slug: note.text for note in reader.notes}
     assert "qd1 in 40" in texts["column-absent"] and "1 of 61 rows" in texts["bad-samples"]
@@ -395,7 +390,7 @@ def test_a_log_that_changes_meanwhile_is_refused(tmp_path: Path) -> None:
     """The digest would be of something else than what was read."""
     path = tmp_path / "a.csv"
     path.write_text(text(motion(400)))
-    logs = iter(LogReader([path], arm()))
+    logs = iter(LogReader(path, arm()))
     next(logs)
     path.write_text(text(motion(500)))
     with pytest.raises(LogError, match="changed while it was read"):

@@ -3,7 +3,7 @@
 import pytest
 from ruamel.yaml import YAML
 
-from pumaid.io.columns import paste_block
+from pumaid.io.log_reader import paste_block
 from pumaid.robot import Joint, LogFormat, Robot
 
 

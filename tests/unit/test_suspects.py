@@ -38,9 +38,9 @@ def written(path: Path, table: dict[str, list]) -> Path:
     return path
 
 
-def found(*paths: Path, extra: tuple[str, ...] = ("Vbus",), **options: int) -> Dataset:
+def found(path: Path, *, extra: tuple[str, ...] = ("Vbus",), **options: int) -> Dataset:
     """What the one pass leaves."""
-    return segment(LogReader(paths, ARM, extra=extra), ARM, options=SegmentOptions(**options))
+    return segment(LogReader(path, ARM, extra=extra), ARM, options=SegmentOptions(**options))
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
