@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 26410,
-    "statements": 16359,
-    "modules": 148,
+    "lines": 26199,
+    "statements": 16192,
+    "modules": 146,
     "import depth": 12,
-    "lines of tests and tools": 22440,
+    "lines of tests and tools": 22433,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
