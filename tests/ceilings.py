@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 16192,
     "modules": 146,
     "import depth": 12,
-    "lines of tests and tools": 22433,
+    "lines of tests and tools": 22358,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
