@@ -361,7 +361,6 @@ def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -
         starts=tuple(sorted(float(t) for part, time in zip(parts, times, strict=True) for t in time[part.first])),
         duration=max(float(time.max()) for time in times),
         current=max(float(np.abs(current).max()) for current in currents),
-        postures=max(len(part.postures) for part in parts),
     )
 
 

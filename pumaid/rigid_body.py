@@ -35,10 +35,6 @@ class RigidBody:
         """(link from 1, parameter) of each column, base to tip."""
         return tuple((link, PARAMETERS[k]) for link, numbers in enumerate(self.counted, 1) for k in numbers)
 
-    def width(self, joint: int) -> int:
-        """How many columns `joint` (from 1) feels: those of its own link and of all beyond, the last ones."""
-        return sum(map(len, self.counted[joint - 1 :]))
-
     def rows(self, position: Floats, velocity: Floats, acceleration: Floats) -> list[Floats]:
         """The regressor of each joint, (columns it feels, N), for (J, N) of rad or m, their rates and their rates.
 
@@ -51,14 +47,6 @@ class RigidBody:
                 for joint in range(link + 1):
                     parts[joint].append(column[joint])
         return [np.array(columns).reshape(len(columns), -1) for columns in parts]
-
-    def dense(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
-        """(J, N, p) the same with a zero where a joint does not feel a link."""
-        rows = self.rows(position, velocity, acceleration)
-        out = np.zeros((len(rows), position.shape[1], self.width(1)))
-        for joint, part in enumerate(rows):
-            out[joint, :, -len(part) :] = part.T
-        return out
 
 
 #: One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N); and how
@@ -155,7 +143,8 @@ def base_parameters(robot: Robot) -> RigidBody:
     everything = RigidBody(robot, tuple(tuple(range(len(PARAMETERS))) for _ in robot.joints))
     rng, shape = np.random.default_rng(0), (robot.n_joints, STATES)
     states = (rng.uniform(-np.pi, np.pi, shape), rng.normal(0, SPEED, shape), rng.normal(0, ACCELERATION, shape))
-    matrix = everything.dense(*states).reshape(-1, everything.width(1))
+    rows = everything.rows(*states)
+    matrix = np.vstack([np.pad(part.T, ((0, 0), (len(rows[0]) - len(part), 0))) for part in rows])
     size = np.linalg.norm(matrix, axis=0)
     # Coulomb friction takes up a load that is the same in any posture; what slides then shows its mass as a rotor's.
     slides = ~robot.is_revolute

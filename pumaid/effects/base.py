@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -115,7 +115,11 @@ class Extent:
     starts: tuple[float, ...]  # s since the joint's first motion, of every run, rising
     duration: float  # s from the first motion to the end of the last
     current: float  # largest absolute current that the model predicts, A
-    postures: int  # distinct sets of held positions
+
+    @property
+    def half_wave(self) -> float:
+        """Radians of phase per rad or m of a wave that goes through half a period over all positions."""
+        return math.pi / max(self.position[1] - self.position[0], 0.01)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +148,6 @@ class Shape:
         shares, of = (self.starts, self.of) if self.starts else (TIME_CONSTANTS, "duration")
         unit = getattr(extent, of) if of else 1.0
         return tuple(min(max(share * unit, self.low), self.high) for share in shares)
-
-
-#: Parameters or shapes.
-Entry = TypeVar("Entry", Parameter, Shape)
 
 
 class Effect:
@@ -266,7 +266,7 @@ class Effect:
 
 
 @lru_cache(maxsize=256)
-def _in_units(entries: tuple[Entry, ...], unit: str) -> tuple[Entry, ...]:
+def _in_units(entries: tuple[Any, ...], unit: str) -> tuple[Any, ...]:
     """With `unit`, rad or m, in place of ``{unit}``."""
     return tuple(replace(entry, unit=entry.unit.format(unit=unit)) for entry in entries)
 

@@ -183,9 +183,7 @@ def _compiled(formula: str, names: tuple[str, ...]) -> tuple[tuple[CodeType | No
 
 def names_in(formula: str) -> frozenset[str]:
     """Names of parameters, shapes and quantities in a formula, not those of functions."""
-    tree = ast.parse(formula, mode="eval")
-    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
-    return frozenset(node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called)
+    return frozenset(re.findall(r"(?<![\w.])[A-Za-z_]\w*\b(?! *\()", formula))
 
 
 def filled(formula: str, values: Mapping[str, float | str]) -> str:

@@ -31,19 +31,20 @@ ARM = Robot(
 )
 
 #: What made-up runs of a joint cover.
-EXTENT = Extent(1, (0.1, 0.3, 1.0), (-1.5, 1.5), 0.05, 3.0, tuple(10.0 * k for k in range(90)), 900.0, 3.0, 3)
+EXTENT = Extent(1, (0.1, 0.3, 1.0), (-1.5, 1.5), 0.05, 3.0, tuple(10.0 * k for k in range(90)), 900.0, 3.0)
 
 
 def effect_in(module: ModuleType) -> Effect:
     """The one effect that a module defines, else a ModelError [effect-file]."""
-    classes = [member for member in vars(module).values() if inspect.isclass(member) and issubclass(member, Effect)]
+    classes: list[type[Effect]] = [
+        member for member in vars(module).values() if inspect.isclass(member) and issubclass(member, Effect)
+    ]
     defined = [member for member in classes if member.__module__ == module.__name__]
     if len(defined) != 1 or defined[0].__bases__ != (Effect,):
         names = ", ".join(member.__name__ for member in defined) or "none"
         what = f"a file holds one class made from Effect, not {names}"
         raise ModelError("effect-file", what, Where(file=module.__file__), _MEND)
-    effect: Effect = defined[0]()
-    return effect
+    return defined[0]()
 
 
 def from_file(path: Path, *, taken: Mapping[str, Effect]) -> Effect:
@@ -101,8 +102,8 @@ def _checks(effect: Effect, names: Collection[str]) -> Iterator[dict[str, bool]]
     yield {
         "its trace is not a tuple of Trace": not all(isinstance(trace, Trace) for trace in effect.trace),
         "base is for the paper's own effects": effect.base,
+        **{f"its look-alike {name} is not in the catalogue": name not in names for name in effect.look_alikes},
     }
-    yield {f"its look-alike {name} is not in the catalogue": name not in names for name in effect.look_alikes}
     joints = range(1, ARM.n_joints + 1)
     for number in [0] if effect.scope is Scope.ARM else joints:
         if effect.applies(ARM, number) is None:
@@ -144,24 +145,28 @@ def column_checks(effect: Effect, number: int, joint: int) -> Iterator[dict[str,
     samples, parameters = example(joint, with_loads=effect.needs_loads), effect.parameters(ARM, number)
     shape = {entry.name: entry.example for entry in effect.shapes(ARM, number)}
     made, wanted = effect.columns(ARM, samples, number=number, shape=shape), (INSTANTS, len(parameters))
-    is_right = isinstance(made, np.ndarray) and made.shape == wanted and made.dtype.kind in "fiub"
-    got = getattr(made, "shape", type(made).__name__)
-    yield {f"columns are {got} where {wanted} is one a parameter": not is_right}
-    what = "columns are not all finite; where temperature or another joint's load is NaN they must be zero"
-    yield {what: not np.isfinite(made).all()}
-    rows, formula = np.arange(INSTANTS)[::-3], effect.formula_in(ARM, number, joint)
-    again = example(joint, with_loads=effect.needs_loads, rows=rows)
     yield {
-        "an instant's row depends on which other instants are shown": not _is_same(
-            effect.columns(ARM, again, number=number, shape=shape), made[rows]
+        f"columns are {getattr(made, 'shape', type(made).__name__)} where {wanted} is one a parameter": (
+            not isinstance(made, np.ndarray) or made.shape != wanted or made.dtype.kind not in "fiub"
         )
     }
+    rows, formula = np.arange(INSTANTS)[::-3], effect.formula_in(ARM, number, joint)
+    part = effect.columns(ARM, example(joint, with_loads=effect.needs_loads, rows=rows), number=number, shape=shape)
+    yield {
+        "columns are not all finite; where temperature or another joint's load is NaN they must be zero": (
+            not np.isfinite(made).all()
+        )
+    }
+    yield {"an instant's row depends on which other instants are shown": not _is_same(part, made[rows])}
     if formula:
         sizes = {entry.name: entry.example for entry in parameters}
         text, motion = f"whole * ({filled(formula, sizes)})", (ARM, samples, number or samples.joint)
         whole = columns(text, ("whole",), shape, motion=motion)[:, 0]
-        is_whole = _is_same(made @ list(sizes.values()), whole)
-        yield {"its formula is not linear in its parameters, or is not what its columns say": not is_whole}
+        yield {
+            "its formula is not linear in its parameters, or is not what its columns say": not _is_same(
+                made @ list(sizes.values()), whole
+            )
+        }
 
 
 def _is_same(numbers: np.ndarray, others: np.ndarray) -> bool:
@@ -171,16 +176,19 @@ def _is_same(numbers: np.ndarray, others: np.ndarray) -> bool:
 def example(joint: int, *, with_loads: bool, rows: Any = slice(None)) -> Samples:
     """Made-up instants (or `rows` of them) of joint `joint` of `ARM`, read-only; some other joints' loads are NaN."""
     rng, n = np.random.default_rng(joint), ARM.n_joints
-    direction, velocity = np.where(np.arange(INSTANTS) < INSTANTS // 2, 1.0, -1.0), np.zeros((INSTANTS, n))
-    velocity[:, joint - 1] = direction * rng.uniform(0.1, 1.0, INSTANTS)
-    by_joint, slopes = rng.normal(size=(2, INSTANTS, n))
-    by_joint[:, -1] = np.nan
-    moving, across, drawn = rng.normal(size=(3, INSTANTS))
-    loads = {"moving": moving, "by_joint": by_joint, "slopes": slopes, "across": np.abs(across), "drawn": drawn}
-    loads["tilts"] = rng.normal(size=(INSTANTS, 2))
+    direction = np.where(np.arange(INSTANTS) < INSTANTS // 2, 1.0, -1.0)
+    speed = direction * rng.uniform(0.1, 1.0, INSTANTS)
+    loads = {
+        "moving": rng.normal(size=INSTANTS),
+        "by_joint": np.where(np.arange(n) == n - 1, np.nan, rng.normal(size=(INSTANTS, n))),
+        "slopes": rng.normal(size=(INSTANTS, n)),
+        "tilts": rng.normal(size=(INSTANTS, 2)),
+        "across": np.abs(rng.normal(size=INSTANTS)),
+        "drawn": rng.normal(size=INSTANTS),
+    }
     series = {
         "position": rng.uniform(-1.5, 1.5, (INSTANTS, n)),
-        "velocity": velocity,
+        "velocity": np.where(np.arange(n) == joint - 1, speed[:, None], 0.0),
         "acceleration": rng.normal(size=INSTANTS),
         "direction": direction,
         "time": np.sort(rng.uniform(0.0, 900.0, INSTANTS)),

@@ -1,14 +1,10 @@
 """Friction that varies with position."""
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from pumaid.effects import Effect, Extent, Family, Parameter, Shape
+from pumaid.effects import Effect, Family, Parameter, Shape
 from pumaid.robot import Robot
 
-#: Harmonics that a search begins with.
-HARMONICS = (1, 2, 3)
+#: Harmonics that a search begins with, of a turn or of half a wave over all positions.
+HARMONICS = (1.0, 2.0, 3.0)
 
 
 class PositionFriction(Effect):
@@ -34,11 +30,7 @@ class PositionFriction(Effect):
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         if robot.joint(number).is_revolute:
-            return (Shape("harmonic", "1", "periods a turn", 1.0, 6.0, 2.0, is_searched=False),)
-        return (Shape("harmonic", "rad/m", "2 pi over the wavelength", 0.1, 1000.0, 10.0),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        if extent.joint is None or robot.joint(extent.joint).is_revolute:
-            return tuple({"harmonic": float(k)} for k in HARMONICS)
-        span = max(extent.position[1] - extent.position[0], 0.01)
-        return tuple({"harmonic": float(np.clip(k * np.pi / span, 0.1, 1000.0))} for k in HARMONICS)
+            return (Shape("harmonic", "1", "periods a turn", 1.0, 6.0, 2.0, is_searched=False, starts=HARMONICS),)
+        return (
+            Shape("harmonic", "rad/m", "2 pi over the wavelength", 0.1, 1e3, 10.0, starts=HARMONICS, of="half_wave"),
+        )

@@ -127,12 +127,13 @@ class RigidArm:
         friction, self._gain, self._coulomb = truth.friction, truth.gain, truth.coulomb
         self._uneven = 0.5 * (friction.coulomb_plus + friction.coulomb_minus)
         self._grip = grip or (lambda v: np.where(np.abs(v) < STILL, truth.breakaway, 1.0))
-        self._shafts = truth.robot.shaft_speeds if truth.robot.coupling else None
+        self._shafts = truth.robot.shaft_speeds
+        self._shares = np.linalg.inv(self._shafts)
         self._offset = values_of(truth.hidden, "zero_offset", "delta", n_joints=n)
         self._sag = truth.sides * values_of(truth.hidden, "flexibility", "c", n_joints=n)
         self._payloads = [hidden.values for hidden in truth.hidden if hidden.effect == "payload"]
         self._acting = [hidden for hidden in truth.hidden if hidden.effect != "inertia"]
-        self._needs_across, self._needs_friction = truth.hides("side_load_friction"), truth.hides("coupling")
+        self._needs_across = truth.hides("side_load_friction")
         self._departure, zero = np.zeros(n), np.zeros(n)
         self.state = ArmState(np.zeros(()), zero, zero, zero, zero, zero, np.full(n, AMBIENT), zero, zero, zero)
         self._joints = [JointState(self.state, j + 1, float(truth.sides[j])) for j in range(n)]
@@ -145,7 +146,7 @@ class RigidArm:
         self.model = specification(truth, step=self.step).compile()
         self.data = mujoco.MjData(self.model)
         self._begin, self._finish = mujoco.mj_step1, mujoco.mj_step2
-        self._dry = self.model.dof_frictionloss if self._shafts is None else self.model.tendon_frictionloss
+        self._dry = self.model.tendon_frictionloss if truth.robot.coupling else self.model.dof_frictionloss
         self._position, self._velocity, self._bias = self.data.qpos, self.data.qvel, self.data.qfrc_bias
 
     @property
@@ -161,13 +162,12 @@ class RigidArm:
     @property
     def shaft_velocity(self) -> Floats:
         """(J,) rad/s or m/s at which the motors turn, geared to their joints; the joints' own where none is coupled."""
-        return self.velocity if self._shafts is None else np.asarray(self._shafts @ self._velocity)
+        return np.asarray(self._shafts @ self._velocity)
 
     @property
     def load(self) -> Floats:
         """(J,) A that weight and Coriolis forces take of the motors now."""
-        torque = self._bias if self._shafts is None else self._bias @ np.linalg.inv(self._shafts)
-        return np.asarray(self._gain * torque)
+        return np.asarray(self._gain * (self._bias @ self._shares))
 
     @property
     def reading(self) -> Floats:
@@ -189,7 +189,7 @@ class RigidArm:
         friction, v = self.truth.friction, self.shaft_velocity
         lost = self._uneven + friction.viscous_plus * np.maximum(v, 0.0) + friction.viscous_minus * np.minimum(v, 0.0)
         torque = (current - lost - self._extra) / self._gain
-        self.data.qfrc_applied[:] = torque if self._shafts is None else torque @ self._shafts
+        self.data.qfrc_applied[:] = torque @ self._shafts
         self._finish(self.model, self.data)
         self.state.time = self.state.time + self.step
         if self._payloads and self.state.time - np.min(self.state.first) > self._payloads[0]["time"]:
@@ -207,8 +207,7 @@ class RigidArm:
             state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, v), self.load
             self._departure[rests] = state.position[rests]
             state.travel = np.abs(state.position - self._departure)
-            if self._needs_friction:
-                state.friction = self.truth.friction.currents(state.velocity)
+            state.friction = self.truth.friction.currents(state.velocity)
             if self._needs_across:
                 arm = replace(self.truth.robot, gravity=self.truth.gravity())
                 state.across = side_load(arm, self.truth.links, self._position[None])[0] * np.abs(self._gain)

@@ -68,14 +68,10 @@ def simulate(
         raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
     n, mend = robot.n_joints, "take a plan made for this robot: pumaid plan"
     for number, motion in enumerate(plan.motions, start=1):
-        if len(motion.hold) != n or not 1 <= motion.joint <= n:
-            of = f"joint {motion.joint} of {len(motion.hold)}; {robot.name} has {n} joints"
-            raise ModelError(
-                "plan-misfit", f"run {number} of the plan moves {of}", Where(field=f"runs[{number}]"), mend
-            )
-        if not 0.0 < motion.velocity < math.inf:
-            what = f"run {number} of the plan has the speed {motion.velocity:g}"
-            raise ModelError("plan-misfit", what, Where(field=f"runs[{number}].velocity"), "speeds are positive")
+        if len(motion.hold) != n or not 1 <= motion.joint <= n or not 0.0 < motion.velocity < math.inf:
+            of = f"joint {motion.joint} of {len(motion.hold)} at the speed {motion.velocity:g}"
+            what = f"run {number} of the plan moves {of}; {robot.name} has {n} joints, and speeds are positive"
+            raise ModelError("plan-misfit", what, Where(field=f"runs[{number}]"), mend)
     truth = draw(robot, seed) if truth is None else truth
     session = _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature)
     return session.logs(runs_per_file, has_velocity=has_velocity)

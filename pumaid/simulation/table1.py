@@ -71,16 +71,9 @@ def puma560() -> Truth:
     ------
     S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators", Table I.
     """
-    friction = Friction(
-        np.array(_COULOMB_PLUS),
-        np.array(_COULOMB_MINUS),
-        np.array(_VISCOUS_PLUS) / _DEG,
-        np.array(_VISCOUS_MINUS) / _DEG,
-    )
-    given = Constants(
-        np.array(_K_X) / TABLE_GRAVITY, np.array(_K_Y) / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO, dtype=float)
-    )
-    noise = Noise(np.array(_STD), current_step=_CURRENT_STEP, counts=np.full(6, _COUNTS))
+    friction = Friction(_COULOMB_PLUS, _COULOMB_MINUS, _VISCOUS_PLUS / _DEG, _VISCOUS_MINUS / _DEG)
+    given = Constants(_K_X / TABLE_GRAVITY, _K_Y / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO))
+    noise = Noise(_STD, current_step=_CURRENT_STEP, counts=np.full(6, _COUNTS))
     inertia = np.array([0.12, 0.15, -0.06, -0.03, -0.03, -0.02])
     links, gain = links_of(robot(), given, inertia)
     return Truth(robot(), friction, noise, links, gain, inertia, np.full(6, BREAKAWAY), given_constants=given)

@@ -56,7 +56,7 @@ def signals(joint: int) -> dict[str, list[np.ndarray]]:
     absorbed = np.linalg.qr(base[:, np.abs(base).max(axis=0) > 1e-9])[0]
     starts = [float(samples.time[samples.run == run].min()) for run in np.unique(samples.run)]
     drawn = float(np.abs(samples.loads.drawn).max())
-    extent = Extent(joint, SPEEDS, (-1.2, 1.2), 0.4, 2.4, tuple(starts), float(samples.time.max()), drawn, 4)
+    extent = Extent(joint, SPEEDS, (-1.2, 1.2), 0.4, 2.4, tuple(starts), float(samples.time.max()), drawn)
     found: dict[str, list[np.ndarray]] = {}
     for effect in (one for one in catalogue().values() if not one.base):
         for columns in tried(effect, samples, extent):

@@ -88,7 +88,7 @@ def test_friction_turns_round_with_the_motion(name):
     assert np.allclose(there, -back)
 
 
-EXTENT = Extent(1, (0.1, 0.5), (-1.3, 1.1), 0.03, 2.4, tuple(60.0 * k for k in range(30)), 1800.0, 3.0, 4)
+EXTENT = Extent(1, (0.1, 0.5), (-1.3, 1.1), 0.03, 2.4, tuple(60.0 * k for k in range(30)), 1800.0, 3.0)
 
 
 def test_ripples_grid_begins_with_the_gear():

@@ -115,8 +115,7 @@ def test_joint_4_turns_the_motors_behind_it():
     at = ArmState(np.zeros(2), np.zeros(6), still, velocity, still, still, still)
     drawn = np.column_stack([truth.current(joint, at) for joint in range(1, 7)]) - truth.gravity_current(still)
     for joint, ratio in ((5, 0.0139 * 76.0 / 71.9), (6, (0.013 + 0.18 * 0.0139) * 76.0 / 76.7)):
-        rubs = truth.friction.currents(np.full(6, 0.8 * ratio))[joint - 1]
-        np.testing.assert_allclose(drawn[:, joint - 1], rubs)
+        np.testing.assert_allclose(drawn[:, joint - 1], truth.friction.currents(np.full(6, 0.8 * ratio))[joint - 1])
     np.testing.assert_allclose(drawn[:, :3], 0.0, atol=1e-12)
 
 

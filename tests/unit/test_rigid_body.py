@@ -35,8 +35,10 @@ def states(robot: Robot, rng: np.random.Generator, count: int) -> list[np.ndarra
     return [rng.normal(0.0, size, (robot.n_joints, count)) for size in (1.5, 2.0, 6.0)]
 
 
-def everything(robot: Robot) -> RigidBody:
-    return RigidBody(robot, tuple(tuple(range(len(PARAMETERS))) for _ in robot.joints))
+def dense(body: RigidBody, motion: list[np.ndarray]) -> np.ndarray:
+    """(J, N, p) the regressor of all joints, zero where one does not feel a link."""
+    rows = body.rows(*motion)
+    return np.array([np.pad(part.T, ((0, 0), (len(rows[0]) - len(part), 0))) for part in rows])
 
 
 def torques(model: pin.Model, motion: list[np.ndarray]) -> np.ndarray:
@@ -56,7 +58,8 @@ def test_torques_are_those_of_inverse_dynamics(name):
     model, values = engine(robot, rng)
     motion = states(robot, rng, 40)
     torque = torques(model, motion)
-    assert np.abs(everything(robot).dense(*motion) @ values - torque).max() < EXACT * np.abs(torque).max()
+    everything = RigidBody(robot, (tuple(range(len(PARAMETERS))),) * robot.n_joints)
+    assert np.abs(dense(everything, motion) @ values - torque).max() < EXACT * np.abs(torque).max()
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -66,18 +69,16 @@ def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_show
     robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else random_arm(name, rng)
     model, _ = engine(robot, rng)
     motion, base = states(robot, rng, 200), base_parameters(robot)
-    columns = base.dense(*motion).reshape(-1, base.width(1))
-    data = model.createData()
-    bodies = [
-        pin.computeJointTorqueRegressor(model, data, *state) for state in zip(*(p.T for p in motion), strict=True)
-    ]
+    columns = dense(base, motion).reshape(-1, len(base.names))
+    data, instants = model.createData(), zip(*(part.T for part in motion), strict=True)
+    bodies = [pin.computeJointTorqueRegressor(model, data, *state) for state in instants]
     rotors = np.array([np.diag(rates) for rates in motion[2].T])
     whole = np.concatenate([np.array(bodies), rotors], axis=2).transpose(1, 0, 2).reshape(len(columns), -1)
     # A load of a slide that is the same in any posture is its friction's.
     constant = np.repeat(np.eye(robot.n_joints)[:, ~robot.is_revolute], 200, axis=0)
     columns, whole = np.hstack([constant, columns]), np.hstack([constant, whole])
     rank = np.linalg.matrix_rank(whole, tol=1e-8 * len(whole))
-    assert constant.shape[1] + base.width(1) == np.linalg.matrix_rank(columns) == rank
+    assert constant.shape[1] + len(base.names) == np.linalg.matrix_rank(columns) == rank
     torque = torques(model, motion).ravel()
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
     assert np.abs(left).max() < 1e-9 * np.abs(torque).max()
