@@ -6,8 +6,9 @@ Any other motion is left out as a piece whose bins hold the means of all joints.
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby, pairwise
+from operator import itemgetter
 
 import numpy as np
 
@@ -32,8 +33,8 @@ RAMP_SPANS = 64
 GAP_STEPS, GAP_TIME = 5.0, 0.05
 #: Fewest samples from which a speed can be taken.
 FEWEST = 6
-#: Codes of a tick beside +joint and -joint.
-REST, SEVERAL = 0, 1_000_000
+#: Codes of a tick beside +joint and -joint; where the data end.
+REST, SEVERAL, END_OF_DATA = 0, 1_000_000, 2_000_000
 #: Standard deviations of a speed that count as surely moving (one false alarm in about 1e5 ticks).
 SURE = 4.5
 #: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
@@ -76,15 +77,21 @@ def segment(
     `files`, `notes` and `extra`, if any, are taken over; `watch` is called with each batch. Runs and rejects are in
     order of time and together hold every sample once.
     """
-    segmenter = _Segmenter(robot, options)
-    for log in logs:
-        watch(log)
-        segmenter.add(log)
-    segmenter.end_file()
-    runs, rejects = tuple(segmenter.runs), segmenter.rejects
+    body = base_parameters(robot)
+    runs: list[Run] = []
+    rejects: list[Reject] = []
+    for (clock, _), batches in groupby(_by_recording(logs, robot.n_joints, watch), key=itemgetter(0)):
+        for stretch, pieces in _windows((log for _, log in batches), options):
+            before = Piece(0, 0, "")
+            for piece in pieces:
+                made, reject = record(stretch, piece, robot, body=body, options=options, clock=clock)
+                runs += [replace(run, lead=_lead(stretch, before, run)) for run in made]
+                rejects += [reject] if reject else []
+                before = piece
+            runs = bounded(runs)
     rejects.sort(key=lambda item: (item.clock, item.start, item.first_row))
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
-    return Dataset(runs, tuple(rejects), files, (*notes, *_clock_notes(runs)), extra)
+    return Dataset(tuple(runs), tuple(rejects), files, (*notes, *_clock_notes(runs)), extra)
 
 
 def _clock_notes(runs: Sequence[Run]) -> tuple[Note, ...]:
@@ -108,59 +115,50 @@ def bounded(runs: list[Run]) -> list[Run]:
     return runs
 
 
-class _Segmenter:
-    """Takes consecutive batches and leaves runs and rejects, a window of samples at a time."""
-
-    def __init__(self, robot: Robot, options: SegmentOptions) -> None:
-        self.runs: list[Run] = []
-        self.rejects: list[Reject] = []
-        self._robot, self._options, self._body = robot, options, base_parameters(robot)
-        self._clock, self._has_begun = 0, False
-        self._batches: list[Log] = []
-        self._context = 0  # samples at the front whose records are made
-
-    def add(self, log: Log) -> None:
-        """Take a batch."""
-        n_joints = log.position.shape[1]
-        if n_joints != self._robot.n_joints:
-            raise ValueError(f"{log.origin} has {n_joints} joints, {self._robot.name} has {self._robot.n_joints}")
-        if log.starts_clock or (self._batches and log.origin != self._batches[0].origin):
-            self.end_file()
-            self._clock += log.starts_clock and self._has_begun
+def _by_recording(
+    logs: Iterable[Log], n_joints: int, watch: Callable[[Log], None]
+) -> Iterator[tuple[tuple[int, str], Log]]:
+    """Batches that are not empty, each with the number of its recording and its file."""
+    clock, has_begun = 0, False
+    for log in logs:
+        watch(log)
+        if log.position.shape[1] != n_joints:
+            raise ValueError(f"{log.origin} has {log.position.shape[1]} joints, the robot has {n_joints}")
+        clock += log.starts_clock and has_begun
         if len(log):
-            self._has_begun = True
-            self._batches.append(log)
-        while sum(map(len, self._batches)) >= self._options.window:
-            joined = Log.joined(self._batches)
-            cut = self._record(joined.part(slice(0, self._options.window)), ends=False)
+            has_begun = True
+            yield (clock, log.origin), log
+
+
+def _windows(batches: Iterable[Log], options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece]]]:
+    """Stretches of one file's batches with their pieces, a window of samples at a time; every sample in one piece."""
+    waiting: list[Log] = []
+    context = 0  # samples at the front whose pieces were given before
+    for batch in batches:
+        waiting.append(batch)
+        while sum(map(len, waiting)) >= options.window:
+            joined = Log.joined(waiting)
+            parts, cut = _clipped(joined.part(slice(0, options.window)), context, options, ends=False)
+            yield from parts
             # The last movement is looked at again with what follows it, unless it fills half of the window.
-            self._context = min(CONTEXT, cut // 2) if cut < self._options.window else 0
-            self._batches = [joined.part(slice(cut - self._context, None))]
+            context = min(CONTEXT, cut // 2) if cut < options.window else 0
+            waiting = [joined.part(slice(cut - context, None))]
+    yield from _clipped(Log.joined(waiting), context, options, ends=True)[0]
 
-    def end_file(self) -> None:
-        """Account for all samples that are waiting."""
-        if self._batches:
-            self._record(Log.joined(self._batches), ends=True)
-        self._batches, self._context = [], 0
 
-    def _record(self, log: Log, *, ends: bool) -> int:
-        """Make records up to the last movement, or to the end; return where that is."""
-        parts = list(stretches(log, self._options))
-        last = max((int(stretch.index[start]) for stretch, _, start in parts), default=0)
-        cut = last if len(log) // 2 < last and not ends else len(log)
-        for stretch, pieces, _ in parts:
-            low, high = np.searchsorted(stretch.index, [self._context, cut]).tolist()
-            clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
-            before = Piece(0, 0, "")
-            for piece in (piece for piece in clipped if piece.stop > piece.start):
-                runs, reject = record(
-                    stretch, piece, self._robot, body=self._body, options=self._options, clock=self._clock
-                )
-                self.runs += [replace(run, lead=_lead(stretch, before, run)) for run in runs]
-                self.rejects += [reject] if reject else []
-                before = piece
-        self.runs = bounded(self.runs)
-        return cut
+def _clipped(
+    log: Log, context: int, options: SegmentOptions, *, ends: bool
+) -> tuple[list[tuple[Stretch, list[Piece]]], int]:
+    """Stretches with their pieces from `context` up to the last movement, or to the end; and where that is."""
+    parts = list(stretches(log, options))
+    last = max((int(stretch.index[start]) for stretch, _, start in parts), default=0)
+    cut = last if len(log) // 2 < last and not ends else len(log)
+    out = []
+    for stretch, pieces, _ in parts:
+        low, high = np.searchsorted(stretch.index, [context, cut]).tolist()
+        clipped = (replace(piece, start=max(piece.start, low), stop=min(piece.stop, high)) for piece in pieces)
+        out.append((stretch, [piece for piece in clipped if piece.stop > piece.start]))
+    return out, cut
 
 
 def _lead(stretch: Stretch, before: Piece, run: Run) -> float:
@@ -193,10 +191,10 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             velocity, moving = _moving(ticks, options)
             fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
             signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)
-            movements = _movements(np.select([count == 0, count == 1], [REST, signed], SEVERAL))
+            code = np.select([count == 0, count == 1], [REST, signed], SEVERAL)
             stretch = Stretch(samples, part, sampled, error, ticks)
-            pieces = _pieces(stretch, ticks, movements, moving=moving, options=options)
-            yield stretch, _with_blocks(pieces, sampled, options), int(ticks.edges[movements[-1].start])
+            pieces, last = _pieces(stretch, ticks, code, moving=moving, options=options)
+            yield stretch, _with_blocks(pieces, sampled, options), last
         else:
             label = "gap" if good[part[0]] else "not-a-number"
             yield Stretch(samples, part, samples.time), [Piece(0, len(part), label)], 0
@@ -219,54 +217,44 @@ def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Flags]:
     return velocity, speed > np.maximum(floor, options.held_share * speed.max(axis=1)[:, None])
 
 
-@dataclass(frozen=True, slots=True)
-class _Movement:
-    """Ticks [start, stop) of one code, with the codes on either side (None at the end of the data)."""
-
-    start: int
-    stop: int
-    code: int
-    before: int | None
-    after: int | None
-
-
-def _movements(code: Counts) -> list[_Movement]:
-    """Ranges of equal code, in order."""
-    borders = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [len(code)]]).tolist()
-    codes: list[int | None] = [None, *code[borders[:-1]].tolist(), None]
-    return [
-        _Movement(start, stop, int(codes[k + 1] or 0), before=codes[k], after=codes[k + 2])
-        for k, (start, stop) in enumerate(pairwise(borders))
-    ]
-
-
 def _pieces(
-    stretch: Stretch, ticks: Ticks, movements: list[_Movement], *, moving: Flags, options: SegmentOptions
-) -> list[Piece]:
-    """Runs and left-out pieces of a stretch in order, neighbours that are left out for the same reason as one."""
+    stretch: Stretch, ticks: Ticks, code: Counts, *, moving: Flags, options: SegmentOptions
+) -> tuple[list[Piece], int]:
+    """Runs and left-out pieces of a stretch in order, neighbours that are left out for the same reason as one.
+
+    With the sample at which the last movement begins: ticks of one code.
+    """
     out: list[Piece] = []
-    for movement in movements:
-        start, stop = ticks.edges[[movement.start, movement.stop]].tolist()
-        counts = moving[movement.start : movement.stop].sum(axis=0)
+    borders = [0, *(np.flatnonzero(np.diff(code)) + 1).tolist(), len(code)]
+    codes: list[int] = [END_OF_DATA, *code[borders[:-1]].tolist(), END_OF_DATA]
+    for k, (first, last) in enumerate(pairwise(borders)):
+        start, stop = ticks.edges[[first, last]].tolist()
+        counts = moving[first:last].sum(axis=0)
         joints = tuple(int(j) + 1 for j in np.argsort(-counts, kind="stable") if counts[j])
         pieces = [Piece(start, stop, "rest")]
-        if movement.code == SEVERAL:
+        if codes[k + 1] == SEVERAL:
             pieces = [Piece(start, stop, "several-joints", joints)]
-        elif movement.code != REST:
-            pieces = _of_movement(stretch, ticks, movement, options)
+        elif codes[k + 1] != REST:
+            pieces = _of_movement(stretch, ticks, (first, last), codes=codes[k : k + 3], options=options)
         for piece in pieces:
             if out and not piece.is_run and out[-1].label == piece.label:
                 joints = tuple(dict.fromkeys((*out[-1].joints, *piece.joints)))
                 out[-1] = replace(out[-1], stop=piece.stop, joints=joints, figure=max(out[-1].figure, piece.figure))
             else:
                 out.append(piece)
-    return out
+    return out, int(ticks.edges[borders[-2]])
 
 
-def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
-    """Runs and left-out pieces of a movement of one joint; a run is left out where a held joint went too far."""
-    joint, time = abs(movement.code), stretch.time
-    start, stop = ticks.edges[[movement.start, movement.stop]].tolist()
+def _of_movement(
+    stretch: Stretch, ticks: Ticks, bounds: tuple[int, int], *, codes: Sequence[int], options: SegmentOptions
+) -> list[Piece]:
+    """Runs and left-out pieces of a movement of one joint; a run is left out where a held joint went too far.
+
+    The movement, ticks [first, last) of `bounds`, has the second of three codes; the others are those on either side.
+    """
+    before, code, after = codes
+    joint, time = abs(code), stretch.time
+    start, stop = ticks.edges[list(bounds)].tolist()
     position = stretch.log.position[:, joint - 1]
 
     def way(part: Piece) -> float:
@@ -280,21 +268,17 @@ def _of_movement(stretch: Stretch, ticks: Ticks, movement: _Movement, options: S
     whole = replace(whole, figure=way(whole))
     if whole.figure < options.rest_speed * options.min_duration:
         return [Piece(start, stop, "rest")]
-    if movement.before == movement.after == SEVERAL and duration < LONE:
+    if before == after == SEVERAL and duration < LONE:
         return [replace(whole, label="between-several")]
-    constant = [] if options.kinds == STROKE else _constant_velocities(ticks, movement, options)
+    constant = [] if options.kinds == STROKE else _constant_velocities(ticks, bounds, joint, options)
     runs = [run for run in constant if is_long(run)]
-    is_whole = movement.before is not None and movement.after is not None and options.kinds != CONSTANT
+    is_whole = END_OF_DATA not in (before, after) and options.kinds != CONSTANT
     if not runs or (is_whole and sum(map(way, runs)) < options.plateau_share * whole.figure):
         runs, label = [], "too-short" if constant or duration < 2 * options.min_duration else "speed-not-constant"
         whole = replace(whole, label=label)
-        if (
-            is_whole
-            and {movement.before, movement.after} <= {REST, -movement.code}
-            and way(whole) >= options.min_travel
-        ):
+        if is_whole and {before, after} <= {REST, -code} and way(whole) >= options.min_travel:
             noise = float(ticks.noise[joint - 1]) * float(ticks.edges[1] - ticks.edges[0]) ** 0.5
-            sign = 1.0 if movement.code > 0 else -1.0
+            sign = float(np.sign(code))
             first, last, window, peak = sliding(time, sign * position, (start, stop), noise=noise, options=options)
             stroke = Piece(first, last, STROKE, (joint,), figure=sign * peak, window=window)
             runs = [stroke] if is_long(stroke) else []
@@ -342,13 +326,13 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
     return out
 
 
-def _constant_velocities(ticks: Ticks, movement: _Movement, options: SegmentOptions) -> list[Piece]:
-    """Every stretch of constant velocity of one movement, in order of time.
+def _constant_velocities(ticks: Ticks, bounds: tuple[int, int], joint: int, options: SegmentOptions) -> list[Piece]:
+    """Every stretch of constant velocity of a joint's movement, ticks [begin, end) of `bounds`, in order of time.
 
     Ticks whose speed, smoothed as little as noise allows, stays within the tolerance of its median, less those at the
     ends to whose velocity a ramp may contribute.
     """
-    begin, end, joint = movement.start, movement.stop, abs(movement.code)
+    begin, end = bounds
     position, time = ticks.position[:, joint - 1], ticks.time[begin:end]
     duration = max(ticks.interval, float(time[-1] - time[0]))
     typical = abs(float(position[end - 1] - position[begin])) / duration

@@ -143,7 +143,7 @@ def test_a_handful_of_samples_is_no_error(count):
 
 def test_another_arms_logs_are_refused():
     """The number of joints must be the robot's."""
-    with pytest.raises(ValueError, match="3 joints, one has 1"):
+    with pytest.raises(ValueError, match="3 joints, the robot has 1"):
         segment([log()], Robot("one", ARM.joints[:1]))
 
 
