@@ -159,9 +159,6 @@ class Ticks:
     noise: Floats
     quantum: Floats
 
-    def __len__(self) -> int:
-        return len(self.time)
-
     @classmethod
     def of(cls, time: Floats, position: Floats) -> Ticks:
         """Average (N,) times and (N, J) positions, N at least 2."""

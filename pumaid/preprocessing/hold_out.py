@@ -113,17 +113,16 @@ def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
 
     The estimate says how many runs of each joint were fitted and held out, not which; of other logs it says nothing.
     """
-    parts = []
-    for fit in estimate.joints if {facts.digest for facts in dataset.files} == set(estimate.logs.values()) else ():
-        runs = dataset.of_joint(fit.joint)
-        now = sum(run.heldout for run in runs)
-        if now != fit.heldout_runs and len(runs) == fit.runs + fit.heldout_runs:
-            parts.append(f"{now} of joint {fit.joint}'s {len(runs)} runs, {fit.heldout_runs} when it was fitted")
+    is_its_own = {facts.digest for facts in dataset.files} == set(estimate.logs.values())
+    changed = []
+    for fit in estimate.joints if is_its_own else ():
+        marks = [run.heldout for run in dataset.of_joint(fit.joint)]
+        changed += [str(fit.joint)] * (len(marks) == fit.runs + fit.heldout_runs and sum(marks) != fit.heldout_runs)
     text = (
-        f"other runs are held out than when the model was fitted: {'; '.join(parts)}. Scores of held-out runs are"
-        " therefore wrong; was the plan changed, or --heldout used only once?"
+        f"other runs of joint {', '.join(changed)} are held out than when the model was fitted. Scores of held-out runs"
+        " are therefore wrong; was the plan changed, or --heldout used only once?"
     )
-    return [Note("held-out-otherwise", text)] if parts else []
+    return [Note("held-out-otherwise", text)] if changed else []
 
 
 def _last_postures(runs: Sequence[Run]) -> set[int]:

@@ -298,6 +298,11 @@ class JointSignals:
         self.is_constant = self.least_current == self.most_current and self.moving >= FLAT_COUNT
         self.is_measured = self.has_moved and self.moving > 0 and not self.is_constant
         self.largest = max(-self.least_current, self.most_current)
+        #: Another joint (from 1) whose position the velocity column follows, and one whose current this joint's is.
+        is_astray = self.has_moved and self.integral > 0 and self.agrees < ANOTHER and self.match.max() > AGREES
+        self.follows = int(np.argmax(self.match)) + 1 if is_astray else 0
+        is_same = (self.copied > FLAT_WINDOWS) & (self.copied >= (1.0 - FLAT_TIME) * self.compared)
+        self.copy_of = int(np.argmax(is_same[:k])) + 1 if is_same[:k].any() else 0
 
     def __getattr__(self, name: str) -> Any:
         return self.sums.totals[name][self.k]
@@ -372,7 +377,6 @@ def _time_unit(sums: LogStatistics) -> Found:
     if is_impossible or interval > COARSE:
         fitting = _other_units(sums.robot, "time", "s", lambda scale: USUAL[0] <= interval * scale <= USUAL[1])
         fix = f"put {' or '.join(fitting)} into the recipe's log block" if fitting else "check the time column"
-        fix += "; a count of rows is no time: then write the instants" if interval == factor(unit) else ""
         rate = f"one sample every {number(interval)} s" if interval > 1 else f"{number(1 / interval)} samples a second"
         why = "no rate of an arm" if is_impossible else "too few to see where an arm speeds up; log 50 or more"
         yield {"unit": unit, "rate": rate, "why": why, "fix": fix, "fault": is_impossible}
@@ -416,17 +420,6 @@ def _units_disagree(sums: LogStatistics) -> Found:
             return
 
 
-def _velocities_swapped(sums: LogStatistics) -> Found:
-    """Velocity columns that follow the positions of other joints."""
-    moved = [j for j in _signals(sums) if j.has_moved and j.integral > 0]
-    followed = {
-        j.joint.number: int(np.argmax(j.match)) + 1 for j in moved if j.agrees < ANOTHER and j.match.max() > AGREES
-    }
-    if followed:
-        pairs = ", ".join(f"position {a} with velocity {b}" for a, b in followed.items())
-        yield {"joint": next(iter(followed)), "pairs": pairs}
-
-
 def _currents_swapped(sums: LogStatistics) -> Found:
     """A joint that moves while another draws the current.
 
@@ -435,7 +428,7 @@ def _currents_swapped(sums: LogStatistics) -> Found:
     Postures are taken one by one, so that gravity's change from one to the next counts neither way.
     """
     moved_to: dict[int, int] = {}
-    changes = []
+    what = ""
     (path, moving), n = (sums.totals[name] for name in ("path", "moving")), sums.robot.n_joints
     is_measured = (moving > 0) | (path <= MOVED)
     for a in np.flatnonzero((path >= MOVED) & is_measured).tolist():
@@ -452,22 +445,15 @@ def _currents_swapped(sums: LogStatistics) -> Found:
         if b != a and share[b] > STRONG and answer[b] > STRONGER * answer[a]:
             moved_to[a + 1] = b + 1
             by, least = number(2 * answer[b], 2), number(2 * answer[a], 2)
-            changes.append(
-                f"when joint {a + 1} moves, current {b + 1} changes by {by} A with direction, its own by {least} A"
+            what += (
+                f"when joint {a + 1} moves, current {b + 1} changes by {by} A with direction, its own by {least} A; "
             )
     log = sums.robot.log
     pairs = ", ".join(f"{log.column('position', a)} beside {log.column('current', b)}" for a, b in moved_to.items())
     is_sure = len(moved_to) >= 2 and len(set(moved_to.values())) == len(moved_to)
     if moved_to:
-        figures = {"what": "; ".join(changes), "perhaps": "" if is_sure else "perhaps ", "pairs": pairs}
+        figures = {"what": what.rstrip("; "), "perhaps": "" if is_sure else "perhaps ", "pairs": pairs}
         yield figures | {"joint": next(iter(moved_to)), "fault": is_sure}
-
-
-def _current_copied(sums: LogStatistics) -> Found:
-    """Two joints whose currents are the same numbers."""
-    copied, compared = sums.totals["copied"], sums.totals["compared"]
-    same = (copied > FLAT_WINDOWS) & (copied >= (1.0 - FLAT_TIME) * compared)
-    yield from ({"joint": int(b) + 1, "other": int(a) + 1} for a, b in np.argwhere(np.triu(same, 1)))
 
 
 def _at_rest(sums: LogStatistics) -> Found:
@@ -498,7 +484,8 @@ OTHER_CHECKS = (
           "{j.joint.max_velocity:.4g}", "check the units of time and of position"),
     Check("beyond-limits", _each(lambda j: j.outside() > 0.05),
           "joint {joint} runs from {j.span}, beyond its limits {j.limits}", "check zero, sign and unit"),
-    Check("joints-swapped", _velocities_swapped, "velocity columns follow other joints than their own: {pairs}",
+    Check("joints-swapped", _each(lambda j: j.follows),
+          "the velocity column of joint {joint} follows the position of joint {j.follows}",
           "put the columns into one order; if the positions are right, velocity: null in the recipe's log block",
           column="velocity", fault=True),
     Check("velocity-unrelated",
@@ -514,8 +501,8 @@ OTHER_CHECKS = (
                 and j.step_sum > UNEQUAL * j.least_step * j.step_count),
           "position of joint {joint} often repeats while it moves, and then jumps: it is measured less often than it "
           "is logged, or its log repeats samples", "inertia and the ends of runs suffer"),
-    Check("current-unmeasured", _current_copied, "joints {other} and {joint} have the same current in every sample",
-          "give each joint its own column; leave out one that was not measured", column="current", fault=True),
+    Check("current-unmeasured", _each(lambda j: j.copy_of),
+          "joints {j.copy_of} and {joint} have the same current in every sample", "give each joint its own column; leave out one that was not measured", column="current", fault=True),
     Check("current-unmeasured", _each(lambda j: j.has_moved and j.is_constant),
           "current of joint {joint} is {j.least_current:.4g} A in all {j.moving:.0f} samples in which it moves",
           "name the column of the measured current; if there is none remove this one, the joint is then left out",

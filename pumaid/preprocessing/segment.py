@@ -12,7 +12,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Log, Reject, Run, coarser, finite_means, spans
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Log, Reject, Run, coarser
 from pumaid.errors import Note, Where
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.binning import DEFAULTS, LARGEST, Piece, SegmentOptions, Stretch, record, sliding
@@ -26,8 +26,6 @@ __all__ = ["SegmentOptions", "segment"]
 CONTEXT = 1024
 #: Bins of all runs together (some 100 bytes each for six joints), and those that a run keeps in any case.
 RUN_BINS, FEWEST_BINS = 1_500_000, 16
-#: Spans of a ramp over whose means it is looked how far it reaches back.
-RAMP_SPANS = 64
 
 #: A time step above so many usual ones, and above so many seconds, is a gap.
 GAP_STEPS, GAP_TIME = 5.0, 0.05
@@ -166,10 +164,9 @@ def _lead(stretch: Stretch, before: Piece, run: Run) -> float:
     if before.is_run or before.joints != (run.joint,):
         return 0.0
     part = slice(before.start, before.stop)
-    starts, _ = spans(stretch.log.time[part], RAMP_SPANS)
     # From the farthest that the ramp reaches back.
-    back = run.span[0] - finite_means(stretch.log.position[part, run.joint - 1], starts)
-    return max(float((run.direction * back).max()), 0.0)
+    back = run.direction * (run.span[0] - stretch.log.position[part, run.joint - 1])
+    return max(float(back.max()), 0.0)
 
 
 def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list[Piece], int]]:
@@ -338,7 +335,7 @@ def _constant_velocities(ticks: Ticks, bounds: tuple[int, int], joint: int, opti
     typical = abs(float(position[end - 1] - position[begin])) / duration
     longest = min(LONGEST_LINE, 0.25 * len(time) * ticks.interval)
     half = ticks.half_width(joint, options.speed_tolerance * typical / SPREAD, longest)
-    low, high = max(0, begin - half), min(len(ticks), end + half)
+    low, high = max(0, begin - half), min(len(ticks.time), end + half)
     velocity = slopes(ticks.time[low:high], position[low:high], half)[begin - low : end - low]
     speed, acceleration, error = np.abs(velocity), slopes(time, velocity, 1), ticks.slope_error(joint, half)
     peak = float(np.abs(acceleration).max())
@@ -355,7 +352,7 @@ def _constant_velocities(ticks: Ticks, bounds: tuple[int, int], joint: int, opti
         # Where the data begin or end there is no ramp.
         if begin + start > 0:
             first = max(first, start + round_half_up(SETTLING / ticks.interval))
-        if begin + stop < len(ticks):
+        if begin + stop < len(ticks.time):
             last = min(last, stop - round_half_up(LEAVING / ticks.interval))
         if last - first < 2:
             continue

@@ -140,7 +140,7 @@ CASES = {
     "velocity's sign": (scaled(velocity=-1.0), {}, "velocity-unrelated", "sign"),
     "a clock that is slow": (scaled(velocity=1 / 1.47), {}, "velocity-unrelated", "friction is 1.47 times as large"),
     "velocities swapped": (lambda log: replace(log, velocity=log.velocity[:, [1, 0, 2]]), {}, "JOINTS-SWAPPED",
-                           "1 with velocity 2"),
+                           "of joint 1 follows the position of joint 2"),
     "time in ms": (scaled(time=1e3), {}, "TIME-UNIT", "units: {time: ms}"),
     "time in ns": (scaled(time=1e9), {}, "TIME-UNIT", "units: {time: ns}"),
     "time in days": (scaled(time=1 / 86400, velocity=None), {}, "TIME-UNIT", ""),
