@@ -446,13 +446,13 @@ def _currents_swapped(sums: LogStatistics) -> Found:
             moved_to[a + 1] = b + 1
             by, least = number(2 * answer[b], 2), number(2 * answer[a], 2)
             what += (
-                f"when joint {a + 1} moves, current {b + 1} changes by {by} A with direction, its own by {least} A; "
+                f"when joint {a + 1} moves, current {b + 1} changes by {by} A with direction, its own by {least} A\n"
             )
     log = sums.robot.log
     pairs = ", ".join(f"{log.column('position', a)} beside {log.column('current', b)}" for a, b in moved_to.items())
     is_sure = len(moved_to) >= 2 and len(set(moved_to.values())) == len(moved_to)
     if moved_to:
-        figures = {"what": what.rstrip("; "), "perhaps": "" if is_sure else "perhaps ", "pairs": pairs}
+        figures = {"what": "; ".join(what.splitlines()), "perhaps": "" if is_sure else "perhaps ", "pairs": pairs}
         yield figures | {"joint": next(iter(moved_to)), "fault": is_sure}
 
 
@@ -502,7 +502,8 @@ OTHER_CHECKS = (
           "position of joint {joint} often repeats while it moves, and then jumps: it is measured less often than it "
           "is logged, or its log repeats samples", "inertia and the ends of runs suffer"),
     Check("current-unmeasured", _each(lambda j: j.copy_of),
-          "joints {j.copy_of} and {joint} have the same current in every sample", "give each joint its own column; leave out one that was not measured", column="current", fault=True),
+          "joints {j.copy_of} and {joint} have the same current in every sample",
+          "give each joint its own column; leave out one that was not measured", column="current", fault=True),
     Check("current-unmeasured", _each(lambda j: j.has_moved and j.is_constant),
           "current of joint {joint} is {j.least_current:.4g} A in all {j.moving:.0f} samples in which it moves",
           "name the column of the measured current; if there is none remove this one, the joint is then left out",
