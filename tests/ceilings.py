@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 26199,
-    "statements": 16192,
+    "lines": 26138,
+    "statements": 16135,
     "modules": 146,
     "import depth": 12,
     "lines of tests and tools": 22358,
