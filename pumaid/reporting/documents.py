@@ -35,12 +35,6 @@ RUN_COLUMNS = {
 }
 
 
-def _frame(rows: list[Any], **options: Any) -> pd.DataFrame:
-    import pandas as pd
-
-    return pd.DataFrame(rows, **options)
-
-
 def _entries(record: object, names: str) -> dict[str, Any]:
     """Attributes of a record by name."""
     return {name: getattr(record, name) for name in names.split()}
@@ -65,10 +59,12 @@ def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
 
 def runs_frame(runs: Iterable[Run], robot: Robot) -> pd.DataFrame:
     """One row a run in SI, postures in columns ``q1`` to ``qJ``, empty at the moving joint."""
+    import pandas as pd
+
     entries = [plain(_run_entry(index, run, robot)) for index, run in enumerate(runs, 1)]
     rows = [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries]
     header = [*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)]
-    return _frame(rows, columns=header)
+    return pd.DataFrame(rows, columns=header)
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
@@ -97,6 +93,8 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
     Columns name, symbol, joint, unit, value, std_error, ci_low, ci_high, dof, state, reason, next_run; empty where a
     parameter is not identifiable.
     """
+    import pandas as pd
+
     rows: list[dict[str, Any]] = []
     for value in estimate.values:
         scale, unit = in_unit(value.unit, units)
@@ -106,7 +104,7 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
         head = _entries(value, "name symbol joint") | {"unit": unit}
         rows.append(head | scaled | _entries(value, "dof state reason next_run"))
     numbers = ["value", "std_error", "ci_low", "ci_high", "dof"]
-    return _frame(rows).astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
+    return pd.DataFrame(rows).astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
 
 
 def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:

@@ -66,8 +66,8 @@ def facts(effect: Effect) -> dict[str, Any]:
 def _numbers(item: Parameter | Shape) -> dict[str, Any]:
     """What a parameter and a shape have in common."""
     low, high = (limit if math.isfinite(limit) else None for limit in (item.low, item.high))
-    head = {"name": item.name, "unit": item.unit, "meaning": item.meaning}
-    return head | {"low": low, "high": high, "example": item.example}
+    words = {"name": item.name, "unit": item.unit, "meaning": item.meaning}
+    return words | {"low": low, "high": high, "example": item.example}
 
 
 def command(effect: Effect) -> str:

@@ -45,14 +45,11 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     unit = " or ".join(dict.fromkeys(in_unit(kind, units)[1] for kind in kinds)) or units
     names = relative_names([run.origin for run in dataset.runs])
     rows: list[Row] = []
-    blocks: dict[tuple[str, int], list[Run]] = {}
-    for run in dataset.runs:
-        if run.kind == BLOCK:
-            blocks.setdefault((run.origin, run.first_row), []).append(run)
+    groups: dict[tuple[str, int, int], list[tuple[int, Run]]] = {}
     for index, run in enumerate(dataset.runs, start=1):
-        joints = blocks.get((run.origin, run.first_row), [run])
-        if run is not joints[0]:
-            continue
+        groups.setdefault((run.origin, run.first_row, run.joint * (run.kind != BLOCK)), []).append((index, run))
+    for group in groups.values():
+        (index, run), joints = group[0], [part for _, part in group]
         motion = [" ".join(str(part.joint) for part in joints), "-", "-", "-"]
         if run.kind != BLOCK:
             joint = robot.joint(run.joint)
@@ -65,8 +62,8 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     head = ("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)")
     notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
     caption = "A stroke's speed is its mean speed."
-    if blocks:
-        cells = [float(np.median(np.diff(run.bins.time))) for parts in blocks.values() for run in parts]
+    cells = [float(np.median(np.diff(run.bins.time))) for run in dataset.runs if run.kind == BLOCK]
+    if cells:
         caption += f" Cells of blocks last {number(1e3 * min(cells), 3)} to {number(1e3 * max(cells), 3)} ms."
     title = f"{robot.name}: {counted_runs(dataset.runs)}"
     return Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
@@ -91,39 +88,22 @@ def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -
     return Table("Runs by joint", header, rows, words=(0, 4, 5, 6))
 
 
-def rejection_table(dataset: Dataset) -> Table:
-    """What was not used, by reason, with the longest stretch as an example."""
+def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:
+    """What was not used, by reason, with the longest stretch as an example; or every stretch."""
     read = samples_read(dataset)
+    names = relative_names([reject.origin for reject in dataset.rejects])
     rows = []
-    for reason, rejects in by_reason(dataset.rejects).items():
+    for rejects in [[x] for x in dataset.rejects] if is_whole else by_reason(dataset.rejects).values():
         longest = max(rejects, key=lambda reject: reject.samples)
         samples = sum(reject.samples for reject in rejects)
         seconds = number(sum(reject.duration for reject in rejects), 4)
-        example = f"rows {longest.first_row}–{longest.last_row}: {longest.text}"
-        rows.append([reason, str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds, example])
+        where = f"{names[longest.origin]}, rows {longest.first_row}–{longest.last_row}"
+        counts = [str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds]
+        rows.append([longest.reason, *counts, where, longest.text])
     unused = sum(reject.samples for reject in dataset.rejects)
     title = f"Not used: {unused:,} of {read:,} samples ({100 * unused / max(1, read):.1f} %)"
-    header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch")
-    return Table(title, header, rows, words=(0, 5))
-
-
-def rejects_table(dataset: Dataset) -> Table:
-    """Every stretch that was not used, with its rows."""
-    names = relative_names([reject.origin for reject in dataset.rejects])
-    rows = []
-    for reject in dataset.rejects:
-        where = [names[reject.origin], f"{reject.first_row}–{reject.last_row}", f"{reject.start:.2f}"]
-        rows.append([*where, reject.reason, reject.text])
-    return Table("Stretches not used", ("file", "rows", "start (s)", "reason", "why"), rows, words=(0, 1, 3, 4))
-
-
-def file_table(dataset: Dataset) -> Table:
-    """The files that were read."""
-    rows = []
-    for facts in dataset.files:
-        times = [f"{number(1e3 * facts.interval, 3)} ms", f"{number(facts.last_time - facts.first_time, 4)} s"]
-        rows.append([facts.name, f"{facts.rows:,}", *times, facts.digest[:12]])
-    return Table("Logs", ("file", "rows", "sample time", "duration", "SHA-256"), rows, words=(0, 4))
+    header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch", "why")
+    return Table(title, header, rows, words=(0, 5, 6))
 
 
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
@@ -210,12 +190,8 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
 
 def _motion_table(plan: Plan, robot: Robot) -> Table:
     rows = []
-    for joint in robot.joints:
-        name = f"{joint.number} {joint.name}"
+    for joint in (robot.joint(moved) for moved in sorted({motion.joint for motion in plan.motions})):
         motions = [motion for motion in plan.motions if motion.joint == joint.number]
-        if not motions:
-            rows.append([name, "0", "-", "-", "0", "0"])
-            continue
         fitted = [motion for motion in motions if motion.purpose == "fit"]
         scale, unit = in_unit(joint.position_unit, "deg")
         ends = [end * scale for motion in motions for end in (motion.start, motion.end)]
@@ -223,7 +199,9 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         postures = {posture_key(motion.joint, motion.hold) for motion in fitted}
         span = f"{min(ends) + 0.0:.4g} to {max(ends) + 0.0:.4g} {unit}"
         counts = [str(len(fitted)), str(len(motions) - len(fitted))]
-        rows.append([name, str(len(postures)), span, f"{', '.join(speeds)} {unit}/s", *counts])
+        rows.append(
+            [f"{joint.number} {joint.name}", str(len(postures)), span, f"{', '.join(speeds)} {unit}/s", *counts]
+        )
     heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
     title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {number(plan.duration / 60.0, 3)} min"
     return Table(title, ("joint", "postures", "range", "speeds", "fit", "hold-out"), rows, words=(0, 2, 3))

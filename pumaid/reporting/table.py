@@ -198,13 +198,9 @@ def _tex(text: str) -> str:
 def _tex_cell(cell: Cell) -> str:
     text = cell.latex or _tex(cell.text)
     if cell.error:
-        sizes = [re.sub(r"e([+-]?\d+)$", _tex_power, size) for size in (cell.text, cell.error)]
+        sizes = [re.sub(r"e\+?(-?)0*(\d+)$", r" \\cdot 10^{\1\2}", size) for size in (cell.text, cell.error)]
         text = rf"${sizes[0]} \pm {sizes[1]}$"
     return text + (rf"$^{{\mathrm{{{_tex(cell.mark)}}}}}$" if cell.mark else "")
-
-
-def _tex_power(exponent: re.Match[str]) -> str:
-    return rf" \cdot 10^{{{int(exponent[1])}}}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -241,21 +241,17 @@ def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
         rows.append(
             [joint, label(item.effect), verdict, *scores, amount(item.rmse_after), " → ".join(folds) or "-", rivals]
         )
-    if not rows:
-        return None
     header = ("joint", "effect", "verdict", "p", "dBIC", "RMSE (A)", "cross-validated (A)", "not separated from")
     caption = (
         "p: over all effects and joints (family-wise). dBIC: evidence for the effect; above 10 is decisive. RMSE: of"
         " fitted runs, with the effect. Cross-validated: RMSE of runs left out of the fit, without → with the effect."
     )
-    return Table("Candidates", header, rows, notes_of(marks), caption, (0, 1, 2, 7))
+    return Table("Candidates", header, rows, notes_of(marks), caption, (0, 1, 2, 7)) if rows else None
 
 
 def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Table | None:
     """Detection limit of each effect at each joint; None where none is known."""
     limits = [limit for joint in diagnosis.joints for limit in joint.limits]
-    if not limits:
-        return None
     marks, rows, order = dict[str, str](), list[Row](), list(catalogue())
     columns = sorted({limit.joint or 0 for limit in limits}, key=lambda joint: (joint == 0, joint))
     effects = {limit.effect for limit in limits}
@@ -276,7 +272,8 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Ta
             )
     names = [joint_label(robot, joint) for joint in columns]
     caption = "Smallest size that is detected with a probability of 80 %."
-    return Table("Detection limits", ("effect", "size of", *names), rows, notes_of(marks), caption, (0, 1))
+    header = ("effect", "size of", *names)
+    return Table("Detection limits", header, rows, notes_of(marks), caption, (0, 1)) if rows else None
 
 
 def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> Table | None:
@@ -357,9 +354,10 @@ def diagnosis_blocks(
         blocks.append((finding, parts))
     for joint in diagnosis.joints:
         if joint.verdict == UNEXPLAINED_JOINT:
-            head = Paragraph(sentences.unexplained_title(joint, robot), style="bold")
+            name = sentences.joint_title(robot, joint.joint)
+            title = f"{name}: something is missing that no effect of the catalogue explains"
             texts = sentences.unexplained_sentences(joint, units)
-            blocks.append((joint, [head, *(Paragraph(text, 3) for text in texts)]))
+            blocks.append((joint, [Paragraph(title, style="bold"), *(Paragraph(text, 3) for text in texts)]))
     blocks.append((None, [Paragraph(text) for text in sentences.other_sentences(diagnosis, robot)]))
     limits = [Paragraph(f"- {text}", 2) for text in sentences.weaknesses(diagnosis, robot)]
     blocks.append((None, [Paragraph("Limits of this diagnosis:"), *limits] if limits else []))

@@ -19,7 +19,6 @@ from pumaid.diagnosis.records import (
     Diagnosis,
     Finding,
     JointDiagnosis,
-    Limit,
     Unexplained,
 )
 from pumaid.effects import Scope, catalogue
@@ -280,8 +279,6 @@ def summary_sentences(dataset: Dataset, estimate: Estimate) -> list[str]:
     runs, files = dataset.runs, dataset.files
     heldout = sum(run.heldout for run in runs)
     words = counted_runs(runs) + (f" in {plural(len(files), 'file')}" if files else "")
-    alone = [run.duration for run in runs if run.kind != "block"]
-    words += f", {number(sum(alone), 3)} s of motion of a single joint" if alone else ""
     words += f"; {plural(heldout, 'run')} held out for validation." if heldout else "."
     values = [value for value in estimate.values if not is_structural(value)]
     states = [value.state for value in values]
@@ -385,12 +382,9 @@ def label(effect: str) -> str:
     return f"{name} at joint {joint}" if at else name
 
 
-def place(finding: Finding | Candidate | Limit, robot: Robot) -> str:
+def place(finding: Finding | Candidate, robot: Robot) -> str:
     """Where an effect acts: ``joint 3 (elbow)``, or ``the whole arm``."""
-    if finding.joint is None:
-        return "the whole arm"
-    title = joint_title(robot, finding.joint)
-    return title[0].lower() + title[1:]
+    return "the whole arm" if finding.joint is None else joint_title(robot, finding.joint).replace("Joint", "joint", 1)
 
 
 def _at(finding: Finding, robot: Robot) -> str:
@@ -407,8 +401,8 @@ def bare(unit: str) -> str:
 
 def finding_title(finding: Finding, diagnosis: Diagnosis, robot: Robot) -> str:
     """Where and what, with the effects that these data do not separate from it; of what was added, that it is there."""
-    where = place(finding, robot)
-    head = f"{where[:1].upper()}{where[1:]}: {label(finding.effect)}"
+    where = "The whole arm" if finding.joint is None else joint_title(robot, finding.joint)
+    head = f"{where}: {label(finding.effect)}"
     if any(finding is item for item in diagnosis.applied):
         return f"{head} was missing and is now in the model"
     return f"{head} {'is missing' if finding.verdict == ADD else 'may be missing'}{_rivals(finding)}"
@@ -532,11 +526,6 @@ def _named(finding: Finding, robot: Robot) -> str:
     local = [name for name in dict.fromkeys((finding.effect, *finding.rivals)) if "@" not in name]
     distant = "".join(f", or {label(name)}" for name in finding.rivals if "@" in name)
     return f"{listed([label(name) for name in local], 'or')} {_at(finding, robot)}{distant}"
-
-
-def unexplained_title(joint: JointDiagnosis, robot: Robot) -> str:
-    """That a joint's residual has no explanation in the catalogue."""
-    return f"{joint_title(robot, joint.joint)}: something is missing that no effect of the catalogue explains"
 
 
 def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str]:

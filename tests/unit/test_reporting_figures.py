@@ -98,10 +98,10 @@ def test_several_joints_stand_beside_each_other(context):
 
 
 def test_logs_without_runs_draw_no_empty_figure(context):
-    """With nothing to show there are only the arm and the parameters."""
+    """With nothing to show there is only the arm."""
     nothing = Dataset(())
     empty = ReportContext(context.robot, context.estimate, nothing, compare(context.estimate, nothing, context.robot))
-    assert [drawing.name for drawing in all_figures(all_contents(empty))] == ["arm", "parameters"]
+    assert [drawing.name for drawing in all_figures(all_contents(empty))] == ["arm"]
 
 
 # History

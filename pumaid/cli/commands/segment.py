@@ -60,7 +60,7 @@ def command(
     """
     from pumaid.preprocessing.binning import SegmentOptions
     from pumaid.reporting.documents import frame_as, runs_frame, segments_document
-    from pumaid.reporting.run_tables import rejection_table, rejects_table, run_table, runs_by_joint_table
+    from pumaid.reporting.run_tables import rejection_table, run_table, runs_by_joint_table
     from pumaid.results.documents import heading
 
     if as_json and as_csv:
@@ -80,4 +80,4 @@ def command(
         content(frame_as(runs_frame(dataset.runs, robot), "csv"))
     else:
         parts = [run_table(dataset, robot, units=units), runs_by_joint_table(dataset, robot, units=units)]
-        tables(*parts, rejection_table(dataset), rejects_table(dataset) if rejects else None)
+        tables(*parts, rejection_table(dataset, is_whole=rejects))

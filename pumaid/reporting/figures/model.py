@@ -1,7 +1,6 @@
 """The model and its errors: shares, parameters, history, currents, residuals, and what findings explain."""
 
 import textwrap
-from collections import Counter
 from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
@@ -40,14 +39,12 @@ from pumaid.reporting.figures.style import (
     zero_line,
 )
 from pumaid.reporting.page import ReportContext
-from pumaid.reporting.tables import row_of
 from pumaid.reporting.text import (
     VARIABLES,
     amperes,
     changes,
     form_sentence,
     in_unit,
-    is_structural,
     joint_title,
     label,
     listed,
@@ -61,14 +58,6 @@ from pumaid.robot import Robot
 #: Effect -> colour of its share; other effects take the rest of the palette in turn.
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
 EFFECT_NAMES = {"coulomb": "Coulomb friction", "viscous": "viscous friction"}
-
-#: Panels of the parameters: title, rows of the parameter table.
-PANELS = (
-    ("gravity: k·g, m·g (A)", (("gravity", "x"), ("gravity", "y"), ("gravity", "mass"))),
-    ("Coulomb friction (A)", (("coulomb", "plus"), ("coulomb", "minus"))),
-    ("viscous friction ({unit})", (("viscous", "plus"), ("viscous", "minus"))),
-    ("gain ratio ηᵢ/ηᵢ₊₁", (("gain_ratio", ""),)),
-)
 
 #: Models in the figure of a history; inch of its width on a page; characters a model's label has for each inch.
 MOST_MODELS, PAGE_WIDTH, LETTERS = 8, 4.9, 9.2
@@ -99,9 +88,8 @@ CURRENT = "residual (A)"
 def share_figure(context: ReportContext) -> Drawing:
     """Where each joint's current goes: one bar a joint, with the RMS current beside it."""
     scores = [score for score in context.comparison.joints if score.shares]
-    total = Counter[str]()
-    for score in scores:
-        total.update({name: abs(share) for name, share in score.shares.items() if name != UNEXPLAINED})
+    acting = dict.fromkeys(name for score in scores for name in score.shares if name != UNEXPLAINED)
+    total = {name: sum(abs(score.shares.get(name, 0.0)) for score in scores) for name in acting}
     order, palette = list(EFFECT_COLOURS), cycle(AREAS[4:])  # the paper's effects first, then those of largest share
     names = sorted(total, key=lambda name: (order.index(name) if name in order else len(order), -total[name]))
     colours = {name: EFFECT_COLOURS.get(name) or next(palette) for name in names} | {UNEXPLAINED: BACKWARD}
@@ -143,42 +131,6 @@ def _share_bars(axes: Axes, scores: Sequence[JointScore], colours: dict[str, str
     axes.set_xlabel("share of mean square current", x=0.4)
     axes.tick_params(axis="y", left=False)
     axes.spines["left"].set_visible(False)
-
-
-@styled()
-def parameter_figure(context: ReportContext) -> Drawing:
-    """Values by link with their confidence intervals."""
-    values = context.estimate.values
-    rows = {row_of(value) for value in values if value.value is not None}
-    chosen = [(title, keys) for title, keys in PANELS if rows & set(keys)] or [PANELS[0]]
-    figure, grid = panels(len(chosen), height=1.45, sharex=True)
-    for axes, (title, keys) in zip(grid.flat, chosen, strict=True):
-        zero_line(axes)
-        shown = [value for value in values if row_of(value) in keys]
-        units = dict.fromkeys(in_unit(value.unit, context.units)[1] for value in shown)
-        axes.set_title(title.format(unit=" | ".join(units)), fontsize=9.5, fontweight="normal")
-        gravity = np.linalg.norm(context.robot.gravity) if keys[0][0] == "gravity" else 1.0
-        for value in shown:
-            scale = gravity * in_unit(value.unit, context.units)[0]
-            sign = (1, -1, 0)[keys.index(row_of(value))]
-            if value.value is not None and value.ci95 is not None:
-                low, high = value.ci95
-                errors = scale * np.array([[value.value - low], [high - value.value]])
-                x = (value.joint or 0) - 0.12 * sign
-                error_marks(axes, x, scale * value.value, errors=np.maximum(errors, 0.0), sign=sign, capsize=2.5)
-        drawn = {value.joint for value in shown if value.value is not None}
-        for joint in {value.joint for value in shown if not is_structural(value)} - drawn:
-            axes.annotate("n/i", (joint or 0, 0.0), (0, 3), textcoords="offset points", ha="center", fontsize=8.5)
-        axes.margins(y=0.18)
-        axes.grid(axis="y")
-    grid[-1, 0].set_xticks(range(1, context.robot.n_joints + 1))
-    grid[-1, 0].set(xlim=(0.5, context.robot.n_joints + 0.5), xlabel="link")
-    caption = (
-        "Blue circles: x and forward terms; orange squares: y and backward terms; n/i: not identifiable. Intervals"
-        " narrower than the mark are hidden by it."
-    )
-    title = f"{context.robot.name}: parameters with 95 % confidence intervals"
-    return Drawing("parameters", title, caption, figure)
 
 
 @styled()
@@ -228,7 +180,6 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
         posture = f"other joints at {posture_text(context.robot, run.posture.tolist(), context.units)} {names}"
         words = f"block from {run.start:.1f} s" if is_free else posture
         axes.text(0.0, 1.02, words, transform=axes.transAxes, fontsize=8.5)
-        axes.set_ylabel("current (A)")
         axes.grid(axis="y")
     grid[-1, 0].set_xlabel(f"{variable} ({unit})")
     grid[0, 0].set_title(shortened(joint_title(context.robot, joint), 40), pad=18)
@@ -244,15 +195,16 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
 
 def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> None:
     """Measured (dots) and predicted (lines) current of runs in one posture, or of blocks against time."""
+    axes.set_ylabel("current (A)")
     for score in group:
         run, bins = score.run, score.run.bins
         is_block = run.kind == BLOCK
         x = bins.time - run.start if is_block else bins.position[:, run.joint - 1] * context.unit(run.joint)[0]
         ways = np.sign(bins.velocity) if is_block else np.full(len(x), run.direction)
-        order, steps = np.argsort(x), np.diff(np.sort(x))
-        pauses: Any = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if is_block else []
-        for rows in np.split(order, pauses):
-            axes.plot(x[rows], score.predicted[rows], color=INK, linewidth=0.7, zorder=1.5)
+        order = np.argsort(x)
+        steps = np.diff(x[order], prepend=x[order][:1])
+        is_pause = is_block & (steps > 1.5 * np.median(steps))
+        axes.plot(x[order], np.where(is_pause, np.nan, score.predicted[order]), color=INK, linewidth=0.7, zorder=1.5)
         for sign in (1, -1):
             look: dict[str, Any] = {"colour": COLOURS[sign], "size": 2.6, "limit": -(-2 * MOST_POINTS // len(group))}
             dots(axes, x[ways == sign], bins.current[ways == sign], alpha=0.7, **look)
@@ -283,10 +235,6 @@ def residual_figure(context: ReportContext, joints: Sequence[int]) -> Drawing:
                 _binned(axes, bins[joint], names[word], context.comparison.joints[joint - 1].noise_floor)
             else:
                 axes.set_axis_off()
-    for axes in grid[:, 0]:
-        axes.set_ylabel("residual (A)")
-    if above:
-        grid[0, 0].set_ylabel("current (A)")
     ways = direction_handles(way for frame in bins.values() for way in frame["direction"])
     legend(figure, [*ways, Patch(color=GREY, alpha=0.4, label="noise floor")])
     joint = joints[0]
@@ -346,6 +294,7 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
     axes.margins(x=0.05)
     axes.locator_params(axis="x", nbins=6)  # small currents have long labels
     axes.set_xlabel(name, labelpad=1)
+    axes.set_ylabel(CURRENT)
     # The same scale above and below zero, with room for 99 % of the residuals.
     top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
     axes.set_ylim(-top, top)

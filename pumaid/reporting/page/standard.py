@@ -9,7 +9,7 @@ from pumaid.reporting.figures import model
 from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure, skeleton_figure
 from pumaid.reporting.figures.style import Drawing
 from pumaid.reporting.page import Content, ReportContext, Section
-from pumaid.reporting.run_tables import axes_table, file_table, rejection_table, runs_by_joint_table
+from pumaid.reporting.run_tables import axes_table, rejection_table, runs_by_joint_table
 from pumaid.reporting.table import Table
 
 #: Limits of the method, whatever the data.
@@ -53,17 +53,15 @@ def data(context: ReportContext) -> Content:
     return {
         "joints": runs_by_joint_table(dataset, robot, units=units),
         "picture": run_figure(dataset, robot, units, limit=MOST_RUNS) if dataset.runs else None,
-        "tables": [table for table in (rejection_table(dataset), file_table(dataset)) if table.rows],
+        "rejects": rejection_table(dataset) if dataset.rejects else None,
     }
 
 
 def parameters(context: ReportContext) -> Content:
     """The paper's Table I for this arm."""
-    has_values = any(value.ci95 is not None for value in context.estimate.values)
     return {
         "table": tables.parameter_table(context.estimate, context.robot, context.units),
         "sums": tables.combination_table(context.estimate),
-        "figure_of_values": model.parameter_figure(context) if has_values else None,
     }
 
 
@@ -125,10 +123,9 @@ def limits(context: ReportContext) -> Content:
 
 def sources(context: ReportContext) -> Content:
     """What is needed to repeat the identification."""
-    titles: dict[str, list[str]] = {}
-    for name in dict.fromkeys(name.split(".")[0] for name in context.estimate.names):
-        if name in catalogue():
-            titles.setdefault(catalogue()[name].source, []).append(catalogue()[name].title)
+    names = dict.fromkeys(name.split(".")[0] for name in context.estimate.names)
+    effects = [catalogue()[name] for name in names if name in catalogue()]
+    titles = {x.source: [effect.title for effect in effects if effect.source == x.source] for x in effects}
     fitted, compared = context.estimate.logs, context.comparison.logs
     rows = [["recipe", context.robot.origin or "in memory", context.robot.digest or "-"]]
     rows += [["fitted log", name, digest] for name, digest in fitted.items()]
