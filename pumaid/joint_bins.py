@@ -231,7 +231,10 @@ def joint_bins(
         count, current, inside = (
             np.concatenate([getattr(run.bins, name) for run in thin]) for name in ("count", "current", "variance")
         )
-        samples = joined([samples_of(run, campaign) for run in thin])
+        series = [samples_of(run, campaign).series() for run in thin]
+        names = set(series[0]).intersection(*series)
+        whole: dict[str, Any] = {name: np.concatenate([part[name] for part in series]) for name in names}
+        samples = Samples(joint, **whole | {"run": np.repeat(np.arange(float(len(thin))), lengths)})
         asked = [run.bins.rigid_body for run in thin]
         width = max((part.shape[1] for part in asked if part is not None), default=0)
         body = [np.full((n, width), np.nan) if a is None else a for a, n in zip(asked, lengths, strict=True)]
@@ -284,15 +287,6 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
         run=np.zeros(len(bins)),
         extra=bins.extra,
     )
-
-
-def joined(many: Sequence[Samples]) -> Samples:
-    """Samples of one joint one after another, without loads; `run` counts them from 0."""
-    parts = [samples.series() for samples in many]
-    names = set(parts[0]).intersection(*parts)
-    series: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    run = np.repeat(np.arange(float(len(many))), [len(samples) for samples in many])
-    return Samples(many[0].joint, **series | {"run": run})
 
 
 def at(samples: Samples, rows: Counts) -> Samples:

@@ -41,14 +41,12 @@ class LeastSquares:
     """A minimum-norm least-squares solution (p,) with its blind directions.
 
     `inverse` (p, p) is the pseudo-inverse of the information matrix, the covariance when the rows are whitened; `blind`
-    (p, b) has directions, in columns, of unit length in the scaled parameters, that the rows do not determine; `scale`
-    (p,) are the column norms by which the parameters were scaled, 0 for a zero column.
+    (p, b) has directions, in columns, of unit length in the scaled parameters, that the rows do not determine.
     """
 
     values: Floats
     inverse: Floats
     blind: Floats
-    scale: Floats
 
     @property
     def determined(self) -> Flags:
@@ -73,7 +71,7 @@ def least_squares(
     norms = np.linalg.norm(rows, axis=0)
     if not norms.any():
         p = len(norms)
-        return LeastSquares(np.zeros(p), np.zeros((p, p)), np.eye(p), norms)
+        return LeastSquares(np.zeros(p), np.zeros((p, p)), np.eye(p))
     inverse_scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     if limit is not None:
         inverse_scale = np.where(norms > 0, limit, 0.0)
@@ -84,7 +82,7 @@ def least_squares(
     shown = np.flatnonzero(is_shown)
     half = inverse_scale[:, None] * (right[shown].T / full[shown])
     values = half @ (basis[:, shown].T @ target)
-    return LeastSquares(values, half @ half.T, right[~is_shown].T, norms)
+    return LeastSquares(values, half @ half.T, right[~is_shown].T)
 
 
 def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> Flags:

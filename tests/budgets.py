@@ -59,7 +59,7 @@ def split(runs: Sequence[Run], **more) -> Budget:
 
 def shares(budget: Budget) -> dict[str, float]:
     """Part -> share of the mean square."""
-    return {name: value / budget.mean_square for name, value in budget.by_name().items()}
+    return {part.name: part.mean_square / budget.mean_square for part in budget.parts}
 
 
 def found(budget: Budget) -> dict[str, tuple[str, ...]]:

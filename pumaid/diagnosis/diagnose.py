@@ -346,7 +346,7 @@ class DiagnosisBuilder:
             rmse=rmse(row.bins, row.misfit),
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
             repeats=None if judged.replicates is None else Repeats(judged.replicates.share, judged.replicates.p_value),
-            budget=split.by_name(),
+            budget={part.name: part.mean_square for part in split.parts},
             candidates=self._candidates(joint),
             unexplained=shape or judged.shape,
             limits=tuple(limit for (_, place), limit in limits if place in (joint, None)),

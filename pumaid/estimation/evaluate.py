@@ -86,10 +86,6 @@ class Budget:
         """The part called `name`."""
         return next(part for part in self.parts if part.name == name)
 
-    def by_name(self) -> dict[str, float]:
-        """Name -> A2 of every part."""
-        return {part.name: part.mean_square for part in self.parts}
-
     @property
     def noise(self) -> float:
         """A2 that no model can remove."""

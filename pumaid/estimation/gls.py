@@ -224,44 +224,31 @@ def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
     return refit(first, model, noise={row.bins.joint: noises.noise_of(row.bins, row.misfit) for row in first.joints})
 
 
-def eased(fitted: Fit) -> Fit:
-    """With the errors that the fit has where shapes that are best at a bound are no better known than others."""
-    weights = priors(fitted.model, fitted.limit, is_tight=False)
-    prior = np.append(weights, fitted.prior[len(weights) :])
-    return _linearised(replace(fitted, prior=prior), fitted.solution.jacobian)
+def with_errors(fitted: Fit) -> Fit:
+    """With errors as the data have them.
 
-
-def _linearised(fitted: Fit, jacobian: Floats) -> Fit:
-    """With the errors that follow from another derivative (N, P) of the whitened prediction."""
-    solution, limit = fitted.solution, reach_of(fitted.limit, fitted.prior)
-    rows = np.vstack([jacobian, np.diag(fitted.prior)])
-    target = np.concatenate([solution.residual, np.zeros(len(fitted.prior))])
-    linear = least_squares(rows, target, limit=limit)
-    return replace(fitted, solution=replace(solution, linear=linear, jacobian=jacobian))
-
-
-def with_chain_rule(fitted: Fit) -> Fit:
-    """With errors that know that effects of the load move with the parameters and ratios that make the load.
-
-    A payload felt by an inner joint is its mass times a ratio of gains: where the ratio is not known well, the mass is
-    not, either.
+    Shapes that are best at a bound are no better known than others, and effects of the load move with the parameters
+    and ratios that make the load: a payload felt by an inner joint is its mass times a ratio of gains, so where the
+    ratio is not known well, the mass is not, either.
     """
-    if not fitted.model.needs_loads():
-        return fitted
     rows = tuple(
         Row.of(row.bins, row.design, row.inner, moved=_moved_through_loads(fitted, row.bins), slow=row.slow)
         if any(term.effect.needs_loads and term.touches(row.joint) for term in fitted.model.effects)
         else row
         for row in fitted.rows
     )
-    system = system_of(rows, fitted.levels, fitted.system.owners)
-    jacobian, start = system.jacobian(fitted.gains, fitted.values), 0
+    system, start = system_of(rows, fitted.levels, fitted.system.owners), 0
+    jacobian, residual = system.jacobian(fitted.gains, fitted.values), system.left(fitted.values, fitted.gains)
     for row in rows:
         if row.moved is not None:
             jacobian[start : start + row.target.size] += row.whitened(fitted.levels[row.joint], row.moved)
         start += row.target.size
-    solution = replace(fitted.solution, residual=system.left(fitted.values, fitted.gains))
-    return _linearised(replace(fitted, rows=rows, system=system, solution=solution), jacobian)
+    weights = priors(fitted.model, fitted.limit, is_tight=False)
+    prior = np.append(weights, fitted.prior[len(weights) :])
+    equations, target = np.vstack([jacobian, np.diag(prior)]), np.append(residual, np.zeros(len(prior)))
+    linear = least_squares(equations, target, limit=reach_of(fitted.limit, prior))
+    solution = replace(fitted.solution, linear=linear, jacobian=jacobian, residual=residual)
+    return replace(fitted, rows=rows, system=system, prior=prior, solution=solution)
 
 
 def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:

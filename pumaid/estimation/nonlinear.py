@@ -11,7 +11,7 @@ from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Extent, Family, Scope, Shape
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.fit import Fit, Projector, Refit
-from pumaid.estimation.gls import Progress, eased, fit_bins, refit, releveled, with_chain_rule
+from pumaid.estimation.gls import Progress, fit_bins, refit, releveled, with_errors
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.maths import Floats
 from pumaid.model import Model
@@ -303,14 +303,6 @@ class EffectFit:
             self.terms = {place: self._stepped(place, term) for place, term in terms.items()}
         return False
 
-    def finish(self, *, recursive: bool, progress: Progress | None) -> None:
-        """The whole fit, noise included; loads follow it, so that what only looks like another load is known to."""
-        now = self.now()
-        start = fit_bins(now, self.bins, before=self.fit, recursive=True, progress=progress)
-        for _ in range(0 if recursive else POLISH):
-            self.fit = refit(releveled(refit(self.fit, now, is_renewed=True)), now)
-        self.fit = start if recursive else replace(with_chain_rule(self.fit), first=start.first)
-
     def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
         """An effect with its shapes moved by the fit's step, within bounds."""
         shape, held = dict(term.shape), list(term.held)
@@ -369,10 +361,13 @@ def fit_effects(
             work.terms[place] = term
             work.fit = refit(work.fit, work.now())
     tell(0, "refining all effects together")
-    work.is_settled = work.settle()
-    work.finish(recursive=recursive, progress=progress)
+    work.is_settled, now = work.settle(), work.now()
+    # The whole fit, noise included; loads follow it, so that what only looks like another load is known to.
+    start = fit_bins(now, work.bins, before=work.fit, recursive=True, progress=progress)
+    for _ in range(0 if recursive else POLISH):
+        work.fit = refit(releveled(refit(work.fit, now, is_renewed=True)), now)
+    work.fit = start if recursive else replace(with_errors(work.fit), first=start.first)
     check_better(before, work.fit, [term.effect.name for term in wanted])
-    work.fit = eased(work.fit)
     return work
 
 
