@@ -71,11 +71,6 @@ class EffectTerm:
         """Owner: joint or link from 1, 0 for the whole arm."""
         return self.joint or 0
 
-    @property
-    def whole(self) -> EffectTerm:
-        """The same with all shapes fitted."""
-        return replace(self, fitted=tuple(self.shape))
-
     def shapes(self, robot: Robot) -> dict[str, Shape]:
         """Nonlinear parameters by name."""
         return {shape.name: shape for shape in self.effect.shapes(robot, self.number)}

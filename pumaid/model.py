@@ -160,7 +160,7 @@ class Model:
         values = dict(zip(estimate.names, estimate.solution, strict=True))
         effects = []
         for term in terms_of(estimate.effects):
-            parts = list(term.whole.parts(robot, 0))
+            parts = list(replace(term, fitted=tuple(term.shape)).parts(robot, 0))
             fitted = tuple(part.shape for part in parts if part.shape is not None and part.name in values)
             sizes = tuple(float(values[part.name]) for part in parts if part.shape is None)
             effects.append(replace(term, fitted=fitted, sizes=sizes))

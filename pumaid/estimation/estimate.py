@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid import __version__
-from pumaid.dataset import Campaign, Dataset
+from pumaid.dataset import Campaign, Dataset, Run
 from pumaid.effect_spec import expanded
 from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation import warnings
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
 from pumaid.estimation.gls import Progress, interval
-from pumaid.estimation.identifiability import FittedParameters, JointCoverage, reason
+from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_postures, reason
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.model import Model
 from pumaid.robot import EffectChoice, Robot
@@ -51,7 +51,7 @@ def identify(
     # The rigid body has an inertia of each joint already.
     choices = tuple(choice for choice in choices if not (model.is_dynamic and choice.effect == "inertia"))
     result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
-    coverage = {joint.number: JointCoverage.of(joint.number, runs) for joint in robot.joints}
+    coverage = {joint.number: [run for run in runs if run.joint == joint.number] for joint in robot.joints}
     estimate = _estimate(result, choices, coverage, recursive=recursive)
     at_joints = predictions(estimate, dataset, robot)
     joints = [_joint_fit(result, joint, covered, at_joints.get(joint)) for joint, covered in coverage.items()]
@@ -66,9 +66,7 @@ def identify(
     return replace(estimate, notes=(*dataset.notes, *notes))
 
 
-def _estimate(
-    result: EffectFit, choices: Sequence[EffectChoice], coverage: dict[int, JointCoverage], *, recursive: bool
-) -> Estimate:
+def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Coverage, *, recursive: bool) -> Estimate:
     """What a fit says of the arm's parameters; joints' figures are left out."""
     fitted, model = result.fit, result.fit.model
     assert fitted.first is not None
@@ -102,7 +100,7 @@ def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence
     identified = {value.name for value in values if value.state == IDENTIFIED}
     for place, (choice, term) in enumerate(zip(choices, model.effects, strict=True)):
         shows = any(column.name in identified for column in model.columns if column.place == place)
-        for column in term.whole.parts(model.robot, place):
+        for column in replace(term, fitted=tuple(term.shape)).parts(model.robot, place):
             name = column.shape
             bare = Value(column.name, column.symbol, column.owner or None, column.unit)
             if name is None or (name in term.fitted and name not in choice.shape):
@@ -149,16 +147,16 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
     return out
 
 
-def _joint_fit(result: EffectFit, joint: int, covered: JointCoverage, prediction: JointPrediction | None) -> JointFit:
+def _joint_fit(result: EffectFit, joint: int, covered: Sequence[Run], prediction: JointPrediction | None) -> JointFit:
     """How well one joint is fitted; `prediction` is the model at all of its runs, None where there are none."""
     why = f"joint {joint} never moves alone in these logs"
     nothing = {"joint": joint, "runs": 0, "samples": 0, "rmse": None, "noise_floor": None, "noise_floor_reason": why}
     figures, fitted = {} if prediction is None else prediction.figures(), result.fit
-    if prediction is None or not covered.runs:
+    if prediction is None or not covered:
         return JointFit(**figures | nothing)
     return JointFit(
         **figures,
         run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
-        posture_groups=covered.postures,
+        posture_groups=outer_postures(covered),
         kinds=dict(sorted(Counter(run.kind for run in prediction.bins.runs if not run.heldout).items())),
     )

@@ -152,45 +152,38 @@ def reason(kind: str, **values: object) -> Reason:
     return {"reason": text.format(**values), "next_run": next_run and next_run.format(**values)}
 
 
-@dataclass(frozen=True, slots=True)
-class JointCoverage:
-    """What the runs of one joint cover: speeds by direction, sets of positions of the joints outward of it, strokes."""
+#: Joint (from 1) -> the runs in which it moves.
+Coverage = Mapping[int, Sequence[Run]]
 
-    runs: int
-    speeds: Mapping[int, tuple[float, ...]]
-    postures: int
-    strokes: int
 
-    @classmethod
-    def of(cls, joint: int, runs: Sequence[Run]) -> "JointCoverage":
-        """Of the runs in which `joint` (from 1) moves."""
-        moving = [run for run in runs if run.joint == joint]
-        speeds = {}
-        for sign in (1, -1):  # in a block the highest counts
-            of_blocks = [float(np.max(sign * run.bins.velocity)) for run in moving if run.kind == BLOCK]
-            of_runs = [abs(run.speed) for run in moving if run.kind != BLOCK and run.direction == sign]
-            speeds[sign] = tuple(sorted(speed for speed in (*of_blocks, *of_runs) if speed > 0.0))
-        held = np.array([run.posture[joint:] for run in moving])
-        postures = posture_groups(held, SAME_POSTURE)
-        # In a block the joints outward move, too.
-        many = any(run.kind == BLOCK for run in moving)
-        return cls(len(moving), speeds, max(len(postures), 2 * many), sum(run.kind != CONSTANT for run in moving))
+def speeds_of(runs: Sequence[Run], sign: int) -> list[float]:
+    """Speeds in direction `sign` of the runs of one joint, rising; in a block the highest counts."""
+    of_blocks = [float(np.max(sign * run.bins.velocity)) for run in runs if run.kind == BLOCK]
+    others = [abs(run.speed) for run in runs if run.kind != BLOCK and run.direction == sign]
+    return sorted(speed for speed in (*of_blocks, *others) if speed > 0.0)
 
-    def has_one_speed(self, sign: int) -> bool:
-        """Whether all runs in direction `sign` have practically one speed."""
-        speeds = self.speeds[sign]
-        return bool(speeds) and not self.strokes and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
+
+def has_one_speed(runs: Sequence[Run], sign: int) -> bool:
+    """Whether all runs of a joint in direction `sign` have practically one speed."""
+    speeds, is_constant = speeds_of(runs, sign), all(run.kind == CONSTANT for run in runs)
+    return bool(speeds) and is_constant and speeds[-1] - speeds[0] <= ONE_SPEED * speeds[-1]
+
+
+def outer_postures(runs: Sequence[Run]) -> int:
+    """Sets of positions of the joints outward of the one that moves in these runs; in a block they move, too."""
+    held = np.array([run.posture[run.joint :] for run in runs])
+    return max(len(posture_groups(held, SAME_POSTURE)), 2 * any(run.kind == BLOCK for run in runs))
 
 
 def of_column(
-    model: Model, column: Column, *, coverage: Mapping[int, JointCoverage], partners: Sequence[str], lever: float = 1.0
+    model: Model, column: Column, *, coverage: Coverage, partners: Sequence[str], lever: float = 1.0
 ) -> Reason:
     """Why `column` is not determined.
 
     `partners` are the other parameters with which it is only determined together, `lever` the RMS of the column over
     its joint's own runs, as a share of what it is when the axis lies level.
     """
-    if column.scope in (Scope.JOINT, Scope.LINK) and coverage[column.owner].runs == 0:
+    if column.scope in (Scope.JOINT, Scope.LINK) and not coverage[column.owner]:
         return reason("no runs")
     if column.place is not None:
         term = model.effects[column.place]
@@ -213,23 +206,24 @@ def of_column(
     beyond = [name for name in outer if int(name.split(".")[1].lstrip("l")) > column.owner]
     if lever < LEAST_LEVER or not partners:
         return reason("upright")
-    if beyond and coverage[column.owner].postures < 2:
+    if beyond and outer_postures(coverage[column.owner]) < 2:
         return reason("one posture", names=listed(beyond, NAMED))
     return (
         reason("together", names=listed(outer, NAMED)) if outer and not of_friction else reason("friction and weight")
     )
 
 
-def _of_friction(model: Model, column: Column, covered: JointCoverage, partners: Sequence[str]) -> Reason:
+def _of_friction(model: Model, column: Column, runs: Sequence[Run], partners: Sequence[str]) -> Reason:
     side = column.name.rsplit(".", 1)[1]
     sign, way, other = (1, "forward", "backward") if side == "plus" else (-1, "backward", "forward")
-    if not covered.speeds[sign]:
+    covered = speeds_of(runs, sign)
+    if not covered:
         return reason("one direction", way=way, other=other)
-    joint, low, high = model.robot.joint(column.owner), covered.speeds[sign][0], covered.speeds[sign][-1]
+    joint, low, high = model.robot.joint(column.owner), covered[0], covered[-1]
     pair = {f"{effect}.j{column.owner}.{side}" for effect in ("coulomb", "viscous")}
     if pair - {column.name} <= set(partners):
         speeds = f"practically one speed, {number(high, 2)}"
-        if not covered.has_one_speed(sign):
+        if not has_one_speed(runs, sign):
             speeds = f"a speed between {number(low, 2)} and {number(high, 2)}"
         unit, slower = f"{joint.position_unit}/s", number(high / 3.0, 2)
         return reason("one speed", way=way, speeds=speeds, slower=slower, unit=unit)
@@ -241,7 +235,7 @@ def of_ratio(
     inner: int,
     outer: int,
     *,
-    coverage: Mapping[int, JointCoverage],
+    coverage: Coverage,
     load: tuple[float, float] = (0.0, 0.0),
 ) -> Reason:
     """Why eta_inner / eta_outer (joints from 1) is not determined.
@@ -253,10 +247,10 @@ def of_ratio(
     if redundant is not None:
         return {"reason": redundant, "next_run": None}
     for joint in (inner, outer):
-        if coverage[joint].runs == 0:
+        if not coverage[joint]:
             return reason("no runs of one joint", joint=joint)
     (felt, noise), kind = load, "ratio"
-    if coverage[inner].postures < 2:
+    if outer_postures(coverage[inner]) < 2:
         kind = "ratio" if model.is_dynamic else "ratio, one posture"
     elif UNFELT < felt < SURELY_FELT * noise:
         kind = "ratio, light link"
@@ -268,8 +262,8 @@ def of_ratio(
 class FittedParameters:
     """The parameters of a fit over all joints, or of the recursion that it began with, and what is known of them.
 
-    `covariance` (P, P) is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` says by joint
-    (from 1) what its runs cover. `confounded` names what the data show only together with a parameter or ratio (from
+    `covariance` (P, P) is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` has the
+    fitted runs of each joint. `confounded` names what the data show only together with a parameter or ratio (from
     0); `sums` (h, m) of the `effects` (m,), linear parameters of effects (from 0), the rest of the model could take
     over whole. `profiles` has profile-likelihood intervals by column.
     """
@@ -277,14 +271,14 @@ class FittedParameters:
     fitted: Fit
     covariance: Floats
     freedoms: Floats
-    coverage: Mapping[int, JointCoverage]
+    coverage: Coverage
     confounded: Mapping[int, tuple[str, ...]]
     effects: Counts
     sums: Floats
     profiles: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, fitted: Fit, coverage: Mapping[int, JointCoverage]) -> "FittedParameters":
+    def of(cls, fitted: Fit, coverage: Coverage) -> "FittedParameters":
         """Of a fit, or of the recursion, `Fit.first`."""
         covariance, dof = covariance_of(fitted)
         names, effects, sums = confounded(fitted)
@@ -316,7 +310,7 @@ class FittedParameters:
     def _parameter(self, index: int, column: Column) -> Value:
         model, partners = self.fitted.model, self._partners(index)
         bare = Value(column.name, column.symbol, column.owner or None, column.unit)
-        is_idle = column.scope in (Scope.JOINT, Scope.LINK) and self.coverage[column.owner].runs == 0
+        is_idle = column.scope in (Scope.JOINT, Scope.LINK) and not self.coverage[column.owner]
         if column.place is None and index in self.confounded and not is_idle:
             return _open(bare, reason("confounded", names=listed(self.confounded[index], NAMED)))
         is_open = is_idle or partners is not None
@@ -366,7 +360,7 @@ class FittedParameters:
         rate = np.divide(powers, gains.ratios, out=np.zeros(len(powers)), where=gains.ratios != 0.0)
         gradient = np.nan_to_num(value * rate)
         edges = [int(edge) for edge in np.flatnonzero(gradient)]
-        if self.coverage[inner].runs and self.coverage[outer].runs and np.isfinite(value):
+        if self.coverage[inner] and self.coverage[outer] and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
             if together:
                 return _open(bare, reason("confounded", names=listed(together, NAMED)))
@@ -409,13 +403,13 @@ class FittedParameters:
         errors = {value.name: math.inf if value.std_error is None else value.std_error for value in values}
         model, sums = self.fitted.model, list[Combination]()
         for row in sorted(self.fitted.rows, key=lambda row: row.joint):
-            rms, covered = math.sqrt(row.bins.mean_square), self.coverage[row.joint]
+            rms, runs = math.sqrt(row.bins.mean_square), self.coverage[row.joint]
             sums_at_joint = list(self._felt(row))
             for sign, side, way in ((1, "plus", "forward"), (-1, "minus", "backward")):
-                if covered.has_one_speed(sign):
+                if has_one_speed(runs, sign):
                     weights = np.zeros(len(self.covariance))
                     weights[model.names.index(f"coulomb.j{row.joint}.{side}")] = 1.0
-                    weights[model.names.index(f"viscous.j{row.joint}.{side}")] = sign * np.mean(covered.speeds[sign])
+                    weights[model.names.index(f"viscous.j{row.joint}.{side}")] = sign * np.mean(speeds_of(runs, sign))
                     text = f"friction of joint {row.joint} {way}, at the one speed that was run"
                     sums_at_joint.append((weights, text, "A", 1.0))
             for weights, text, unit, size in sums_at_joint:
