@@ -159,8 +159,8 @@ Coverage = Mapping[int, Sequence[Run]]
 def speeds_of(runs: Sequence[Run], sign: int) -> list[float]:
     """Speeds in direction `sign` of the runs of one joint, rising; in a block the highest counts."""
     of_blocks = [float(np.max(sign * run.bins.velocity)) for run in runs if run.kind == BLOCK]
-    others = [abs(run.speed) for run in runs if run.kind != BLOCK and run.direction == sign]
-    return sorted(speed for speed in (*of_blocks, *others) if speed > 0.0)
+    of_runs = [abs(run.speed) for run in runs if run.kind != BLOCK and run.direction == sign]
+    return sorted(speed for speed in (*of_blocks, *of_runs) if speed > 0.0)
 
 
 def has_one_speed(runs: Sequence[Run], sign: int) -> bool:
