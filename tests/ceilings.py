@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 26138,
-    "statements": 16135,
+    "lines": 26000,
+    "statements": 16030,
     "modules": 146,
     "import depth": 12,
     "lines of tests and tools": 22358,
