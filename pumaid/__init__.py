@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 
 #: Module -> public names that it defines.
 _NAMES = {
-    "pumaid.api": "Answer Arm Identified Picture identify load read_recipe",
+    "pumaid.api": "Answer Arm Identified identify load read_recipe",
     "pumaid.dataset": "Bins Dataset FileFacts Log Reject Run",
     "pumaid.design.plan": "plan",
     "pumaid.effects": "catalogue",
@@ -31,7 +31,8 @@ _NAMES = {
     "pumaid.estimation.evaluate": "Budget BudgetPart Comparison JointScore RunScore",
     "pumaid.effects.formula": "Samples",
     "pumaid.results.history": "History Ladder Rung read_history",
-    "pumaid.results.model_file": "read_model write_model",
+    "pumaid.results.documents": "read_model write_model",
+    "pumaid.reporting.figures.style": "Drawing",
     "pumaid.robot": "EffectChoice Joint LogFormat Robot",
     "pumaid.trajectory": "Motion NextRun Plan Posture",
     "pumaid.diagnosis.compare": "compare",

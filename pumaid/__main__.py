@@ -1,19 +1,9 @@
 """``python -m pumaid``, and the program ``pumaid``."""
 
-import io
 import os
 import signal
 import sys
-
-
-class _Deaf(io.FileIO):
-    """Standard error that may be full or have lost its reader: a message that nobody hears changes no exit code."""
-
-    def write(self, data: object) -> int:
-        try:
-            return super().write(data)  # type: ignore[arg-type]
-        except OSError:
-            return memoryview(data).nbytes  # type: ignore[arg-type]
+from io import TextIOWrapper
 
 
 def run() -> None:
@@ -29,13 +19,14 @@ def run() -> None:
             os.open(os.devnull, os.O_WRONLY)  # gets the lowest free descriptor, which is this one
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False, encoding="utf-8")
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False, encoding="utf-8")
-    if sys.stderr is None or not sys.stderr.isatty():
-        deaf = io.BufferedWriter(_Deaf(2, "w", closefd=False))
-        sys.stderr = io.TextIOWrapper(deaf, "utf-8", errors="backslashreplace", line_buffering=True)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False, encoding="utf-8")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows ? rather than our failure
     try:
-        from pumaid.cli import main
+        from pumaid.cli import group
 
-        main()
+        group.main(prog_name="pumaid")
     except KeyboardInterrupt:
         sys.exit(130)
     finally:

@@ -12,15 +12,24 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+import pandas as pd
+from rich.console import Console
+
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.compare import compare
+from pumaid.effect_spec import chosen_by
 from pumaid.errors import ResultError, Where, meant
+from pumaid.estimate import Estimate, Value
+from pumaid.estimation import estimate as fitting
 from pumaid.experiment import LOGS, MODEL, Experiment
+from pumaid.exports import Exported, export
+from pumaid.reporting.documents import parameters_frame
+from pumaid.reporting.tables import combination_table, comparison_table, diagnosis_parts, parameter_table
+from pumaid.results.documents import write_model
 from pumaid.robot import Robot
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from pumaid.estimate import Estimate, Value
+    from pumaid.reporting.figures.style import Drawing
 
 #: Files, folders and globs of logs.
 Logs = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -36,7 +45,7 @@ def load(folder: str | PathLike[str], *, recipe: str | PathLike[str] | None = No
     """
     path = Path(folder)
     if not path.is_dir():
-        raise ResultError("file-refused", f"{path} is no folder", Where(file=str(path)), "name another")
+        raise ResultError("file-not-readable", f"{path} is no folder", Where(file=str(path)), "name another")
     return Arm(path, Path(recipe or path))
 
 
@@ -71,11 +80,9 @@ def identify(
     """
     if not isinstance(logs, Dataset):
         return Arm(None, None if recipe is None else Path(recipe)).identify(logs, **options)
-    from pumaid.estimation.estimate import identify as fit
-
     if robot is None:
         raise TypeError("a dataset needs its robot: identify(dataset, robot)")
-    return fit(logs, robot, **options)
+    return fitting.identify(logs, robot, **options)
 
 
 class Arm:
@@ -114,13 +121,10 @@ class Arm:
         `add` and `remove` take effects as on the command line (``"stribeck@3"``), `recursive` stops after the n-to-1
         recursion, `options` are `heldout` and `trust` as of `dataset`.
         """
-        from pumaid.effect_spec import chosen_by
-        from pumaid.estimation.estimate import identify as fit
-
         experiment = self._experiment(logs, **options)
         effects = chosen_by(experiment.robot, add=add, remove=remove)
         dataset = experiment.dataset()
-        estimate = fit(dataset, experiment.robot, effects=effects, recursive=recursive)
+        estimate = fitting.identify(dataset, experiment.robot, effects=effects, recursive=recursive)
         return Identified(estimate, experiment.robot, dataset, arm=self)
 
     def model(self, path: str | PathLike[str] | None = None, *, logs: Logs | None = None) -> Identified:
@@ -128,12 +132,6 @@ class Arm:
         experiment = self._experiment(logs)
         estimate = experiment.model(Path(path or (self.folder or Path()) / MODEL))
         return Identified(estimate, experiment.robot, experiment.dataset(), arm=self)
-
-    def plan(self, **options: Any) -> Any:
-        """What to run, as `pumaid.plan` makes it."""
-        from pumaid.design.plan import plan
-
-        return plan(self.robot, **options)
 
     def _experiment(self, logs: Logs | None, *, heldout: Iterable[str] = (), trust: bool = False) -> Experiment:
         logs = (self.folder or Path()) / LOGS if logs is None else logs
@@ -156,9 +154,7 @@ class Answer:
     def _repr_html_(self) -> str:
         return str(self._console().export_html(inline_styles=True, code_format="<pre>{code}</pre>"))
 
-    def _console(self) -> Any:
-        from rich.console import Console
-
+    def _console(self) -> Console:
         console = Console(file=io.StringIO(), width=WIDTH, record=True, highlight=False)
         for part in self._parts:
             console.print(part)
@@ -169,8 +165,6 @@ class Identified(Answer):
     """An identified model, with its `arm` and the `dataset` that it is held against where no other logs are named."""
 
     def __init__(self, estimate: Estimate, robot: Robot, dataset: Dataset, *, arm: Arm) -> None:
-        from pumaid.reporting.tables import combination_table, parameter_table
-
         super().__init__(estimate, [parameter_table(estimate, robot), combination_table(estimate)])
         self.robot, self.dataset, self._arm = robot, dataset, arm
 
@@ -185,28 +179,24 @@ class Identified(Answer):
 
         `units` of angles are ``"rad"`` or ``"deg"``.
         """
-        from pumaid.reporting.documents import parameters_frame
-
         return parameters_frame(self.record, units)
 
     def compare(self, logs: Logs | None = None, **options: Any) -> Answer:
         """The model against some logs (by default those that it is fitted to), as `Comparison`."""
-        from pumaid.diagnosis.compare import compare
-        from pumaid.reporting.tables import comparison_table
-
         comparison = compare(self.record, self._runs(logs, options), self.robot)
         return Answer(comparison, [comparison_table(comparison, self.robot)])
 
     def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
         """Which physical effect the model misses, as `Diagnosis`."""
         from pumaid.diagnosis.diagnose import diagnose
-        from pumaid.reporting.tables import diagnosis_parts
 
         diagnosis = diagnose(self.record, self._runs(logs, options), self.robot)
         return Answer(diagnosis, diagnosis_parts(diagnosis, self.robot))
 
-    def plot(self, name: str = "", *, units: str = "rad") -> Picture:
+    def plot(self, name: str = "", *, units: str = "rad") -> Drawing:
         """The first figure of the report whose name begins so (``"residual_j2"``, ``"spent"``); angles in `units`.
+
+        A notebook shows it; `save` writes it as PNG, SVG or PDF.
 
         KeyError: there is none of this name; the message lists them.
         """
@@ -216,39 +206,16 @@ class Identified(Answer):
         drawings = list(all_figures(all_contents(context)))
         for drawing in drawings:
             if drawing.name.startswith(name):
-                return Picture(drawing)
+                return drawing
         raise KeyError(f"there is no figure {name!r}; there are {', '.join(drawing.name for drawing in drawings)}")
 
-    def export(self, form: str, **options: Any) -> Any:
+    def export(self, form: str, **options: Any) -> Exported:
         """The model for another program, as `pumaid.export` writes it."""
-        from pumaid.exports import export
-
         return export(self.record, self.robot, form=form, **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model file that the command line reads."""
-        from pumaid.results.model_file import write_model
-
         write_model(Path(path), self.record)
 
     def _runs(self, logs: Logs | None, options: dict[str, Any]) -> Dataset:
         return self.dataset if logs is None else self._arm.dataset(logs, **options)
-
-
-class Picture:
-    """A figure that a notebook shows and `save` writes as PNG, SVG or PDF."""
-
-    def __init__(self, drawing: Any) -> None:
-        self.drawing = drawing
-
-    def __repr__(self) -> str:
-        return f"<{self.drawing.name}: {self.drawing.title}>"
-
-    def _repr_png_(self) -> bytes:
-        return bytes(self.drawing.file("png"))
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write it; the form follows from the file's ending."""
-        from pumaid.io.write import write_file
-
-        write_file(Path(path), self.drawing.file(Path(path).suffix.lstrip(".").lower()))

@@ -1,5 +1,6 @@
 """A fitted model: values with their uncertainty, and all that is needed to predict with it."""
 
+import math
 from dataclasses import dataclass, field
 
 from pumaid.errors import Note
@@ -75,16 +76,16 @@ class JointFit(JointResult):
 class Estimate:
     """A fitted model.
 
-    `robot`, `recipe_digest` and `origin` are name, SHA-256 and file name of the recipe; `effects` physics beyond the
-    paper's model, shapes filled in. `values` has every parameter and neighbour ratio, identified or not, `combinations`
-    sums that are determined where their terms are not, `recursive` the recursion's own values, before the joint
-    refinement; `method`, ``"joint"`` or ``"recursive"``, says which are shown. For prediction there are all p linear
-    parameters' `names`, minimum-norm `solution` and `covariance` (p, p), and `scales` (J, J): row i, column j the
-    factor eta_i/eta_j by which link j's parameters act in joint i's current; NaN where it is not determined, 1 on the
-    diagonal, 0 where j < i. `blind` (p, b) are directions in which the data do not determine `solution`, as long as
-    their parameters are plausibly large (as much as their joint's RMS current): a row of regressors, ratios included,
-    times this is the current (A) by which a prediction may be off, beyond its covariance. `logs` maps names to SHA-256;
-    `heldout` is the RMSE (A) over all runs that were kept for judging.
+    `robot`, `recipe_digest` and `origin` are name, SHA-256 and file name of the recipe, `geometry` the digest of its
+    joints and gravity; `effects` physics beyond the paper's model, shapes filled in. `values` has every parameter and
+    neighbour ratio, identified or not, `combinations` sums that are determined where their terms are not, `recursive`
+    the recursion's own values, before the joint refinement; `method`, ``"joint"`` or ``"recursive"``, says which are
+    shown. For prediction there are all p linear parameters' `names`, minimum-norm `solution` and `covariance` (p, p),
+    and `scales` (J, J): row i, column j the factor eta_i/eta_j by which link j's parameters act in joint i's current;
+    NaN where it is not determined, 1 on the diagonal, 0 where j < i. `blind` (p, b) are directions in which the data do
+    not determine `solution`, as long as their parameters are plausibly large (as much as their joint's RMS current): a
+    row of regressors, ratios included, times this is the current (A) by which a prediction may be off, beyond its
+    covariance. `logs` maps names to SHA-256; `heldout` is the RMSE (A) over all runs that were kept for judging.
     """
 
     robot: str
@@ -100,6 +101,7 @@ class Estimate:
     recursive: tuple[Value, ...] = ()
     method: str = "joint"
     recipe_digest: str = ""
+    geometry: str = ""
     origin: str = ""
     logs: dict[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
@@ -113,3 +115,15 @@ class Estimate:
     def joint(self, number: int) -> JointFit:
         """The fit of joint `number` (from 1)."""
         return self.joints[number - 1]
+
+    def pooled(self, name: str) -> float | None:
+        """The arm's ``rmse``, ``heldout`` or ``noise_floor`` (A), joints weighted by their fitted samples.
+
+        None unless known of every fitted joint.
+        """
+        fitted = [fit for fit in self.joints if fit.rmse is not None]
+        values = [getattr(fit, name) for fit in fitted]
+        if not fitted or None in values:
+            return None
+        squares = sum(fit.samples * value**2 for fit, value in zip(fitted, values, strict=True))
+        return math.sqrt(squares / sum(fit.samples for fit in fitted))

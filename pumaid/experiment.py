@@ -1,7 +1,5 @@
 """An experiment's files: its recipe, its dataset (read from the logs, or kept beside the results), its model."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -9,21 +7,21 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from pumaid import __version__
 from pumaid.dataset import Dataset, load_dataset, save_dataset
+from pumaid.effect_spec import check_parameters, terms_of
 from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where, listed
+from pumaid.estimate import Estimate
 from pumaid.io.paths import LogPath, chosen_logs, expand, is_remote
 from pumaid.io.plan_file import find_plan, read_plan
 from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes
 from pumaid.io.write import write_file
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.hold_out import hold_out, match_with_plan
+from pumaid.results.documents import check_same_recipe, read_model
 from pumaid.robot import Robot
-
-if TYPE_CHECKING:
-    from pumaid.estimate import Estimate
 
 #: Of an experiment's folder: the logs, the current model, and the dataset that commands share.
 LOGS, MODEL, DATASET = "logs", "results/model.json", "dataset.npz"
@@ -78,9 +76,6 @@ class Experiment:
 
     def model(self, path: Path) -> Estimate:
         """A model of this arm; one of another recipe or with effects that are not known as they were is refused."""
-        from pumaid.effect_spec import check_parameters, terms_of
-        from pumaid.results.model_file import check_same_recipe, read_model
-
         estimate = read_model(path)
         terms_of(estimate.effects)
         check_same_recipe(estimate, replace(self.robot, origin=str(self.recipe_path)))

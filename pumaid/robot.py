@@ -3,6 +3,7 @@
 Frames by roll, pitch and yaw or by an axis, and postures that are near one another.
 """
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -144,6 +145,12 @@ class Robot:
     def n_joints(self) -> int:
         """J."""
         return len(self.joints)
+
+    @property
+    def geometry(self) -> str:
+        """SHA-256 of what a recipe says of the arm itself, not of its name, its logs and its effects."""
+        content = (self.joints, self.gravity, sorted(self.coupling.items()))
+        return hashlib.sha256(repr(content).encode()).hexdigest()
 
     @property
     def placements(self) -> Floats:

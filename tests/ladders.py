@@ -19,16 +19,21 @@ def model(*effects: EffectChoice, rmse: float = 0.03, samples: int = 300, **chan
     empty = np.zeros((0, 0))
     value = Value("coulomb.j1.plus", "c1", 1, "A", rmse, 0.1, (0.0, 1.0))
     found = Estimate("arm", joints, (value,), (), np.zeros(0), empty, np.triu(np.ones((2, 2))), empty, effects)
-    told = {"recipe_digest": ARM.digest, "origin": "recipe.yaml", "logs": {"a.csv": "cd" * 32}} | changes
+    told = {
+        "recipe_digest": ARM.digest,
+        "geometry": ARM.geometry,
+        "origin": "recipe.yaml",
+        "logs": {"a.csv": "cd" * 32},
+    } | changes
     return replace(found, **told)
 
 
 def experiment(results: Path) -> Path:
     """Three kept models: the base, with Stribeck friction, with ripple as well. Returns the current model's file."""
     path = results / "model.json"
-    keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
-    keep(path, model(STRIBECK, RIPPLE, rmse=0.011), ARM)
+    keep(path, model())
+    keep(path, model(STRIBECK, rmse=0.02))
+    keep(path, model(STRIBECK, RIPPLE, rmse=0.011))
     return path
 
 

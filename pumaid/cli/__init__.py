@@ -1,20 +1,33 @@
-"""The command line: a group that finds its commands by looking into ``commands/``."""
+"""The command line: a group of the commands in ``commands/``, and what a failure looks like to the user."""
 
 import importlib
 import inspect
 import os
 import pkgutil
+import platform
 import sys
-from io import TextIOWrapper
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import rich_click as click
 from click.exceptions import Exit
 
 from pumaid import __version__
-from pumaid.cli.failures import reported
-from pumaid.errors import EXIT_ATTENTION, meant
+from pumaid.cli.output import effect_files
+from pumaid.errors import (
+    EXIT_ATTENTION,
+    EXIT_BAD_INPUT,
+    EXIT_BUG,
+    ModelError,
+    PumaidError,
+    ResultError,
+    Where,
+    meant,
+    visible,
+)
 
 click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
 click.rich_click.STYLE_HELPTEXT = ""
@@ -26,29 +39,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Arrow's own allocator fetches hundreds of megabytes of fresh pages for a short pass; the C library's are used again.
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
-#: Order in which help lists the commands: the order of work. Commands not named here follow, by name.
+#: Exit codes of a program that a signal ended, as shells count them.
+EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 128 + 2, 128 + 13
+#: Order in which help lists the commands: the order of work. Commands not named here follow.
 ORDER_OF_WORK = "demo init plan simulate segment identify compare diagnose report history export effects doctor"
 
 
 class Commands(click.RichGroup):
-    """A group whose commands are the modules of ``pumaid.cli.commands``, imported when they are asked for."""
+    """A group that lists its commands in the order of work, and reports what fails."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        folder = str(Path(__file__).with_name("commands"))
-        names = [module.name.replace("_", "-") for module in pkgutil.iter_modules([folder])]
-        rank = {name: place for place, name in enumerate(ORDER_OF_WORK.split())}
-        return sorted(names, key=lambda name: (rank.get(name, len(rank)), name))
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in self.list_commands(ctx):
-            return None
-        module = importlib.import_module(f"pumaid.cli.commands.{cmd_name.replace('-', '_')}")
-        command: click.Command = module.command
-        command.name = cmd_name
-        # rich-click takes the indentation from an example that is all of the help's body; a blank before it keeps it.
-        text = inspect.cleandoc(command.help or "")
-        command.help = text.replace("\b\nExample", "\b\n \nExample") if text.count("\n\n") == 1 else text
-        return command
+        order = ORDER_OF_WORK.split()
+        return sorted(self.commands, key=lambda name: order.index(name) if name in order else len(order))
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -86,10 +88,67 @@ def group() -> None:
     """
 
 
-def main(args: list[str] | None = None) -> NoReturn:
-    """Run the command line and leave with its exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows ? rather than our failure
-    group.main(args=args, prog_name="pumaid")
-    sys.exit(0)
+@contextmanager
+def reported() -> Iterator[None]:
+    """Turn what goes wrong inside into a message on standard error and the exit code that interfaces fix."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except (Exit, click.ClickException, click.Abort):
+        raise
+    except BrokenPipeError:
+        # Python's own last flush of standard output must not meet the broken pipe again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        raise Exit(EXIT_PIPE_CLOSED) from None
+    except KeyboardInterrupt:
+        click.echo("\nstopped; files that were being written are as they were before", err=True)
+        raise Exit(EXIT_INTERRUPTED) from None
+    except Exception as error:
+        refusal = _refusal(error)
+        head, mark, rest = visible(str(refusal)).partition("]: ")
+        # click strips the colour where standard error is no terminal
+        words = click.style(head + "]", fg="red", bold=True) + ": " + rest if mark else head
+        click.echo(_bug(error) if refusal is None else words, err=True)
+        raise Exit(EXIT_BUG if refusal is None else EXIT_BAD_INPUT) from None
+
+
+def _refusal(error: Exception) -> PumaidError | None:
+    """What is bad input, or of the system's or of a user's effect's making; None for a bug of ours."""
+    if isinstance(error, PumaidError):
+        return error
+    if isinstance(error, OSError):
+        name = None if error.filename is None else str(error.filename)
+        mend = "check that the file exists, that its folder may be written and that the disk is not full"
+        return ResultError("file-not-readable", f"the system says: {error.strerror or error}", Where(file=name), mend)
+    words = str(error)
+    is_unmapped = isinstance(error, ImportError) and ("failed to map" in words or "annot allocate memory" in words)
+    if isinstance(error, MemoryError) or is_unmapped:
+        what = f"the system has no more memory for pumaid: {words or 'it did not say how much was asked for'}"
+        mend = "end other programs, raise the limit (ulimit -v), or give --jobs 1: one process holds less than two"
+        return ResultError("no-memory", what, mend=mend)
+    named = {str(path.resolve()) for path in effect_files()}
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in named]
+    if not frames:
+        return None
+    frame = frames[-1]
+    what = f"the effect fails on this robot: {frame.name}() raises {type(error).__name__}: {words}"
+    mend = "mend the effect; docs/contributing.md says what it must keep on every robot and every run"
+    return ModelError("effect-contract", what, Where(file=frame.filename, row=frame.lineno), mend)
+
+
+def _bug(error: Exception) -> str:
+    return f"""{"".join(traceback.format_exception(error)).rstrip()}
+bug: pumaid failed with {type(error).__name__}, which is its fault and not yours
+  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}
+  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints"""
+
+
+for _info in pkgutil.iter_modules([str(Path(__file__).with_name("commands"))]):
+    for _command in vars(importlib.import_module(f"pumaid.cli.commands.{_info.name}")).values():
+        if isinstance(_command, click.Command):
+            # rich-click takes the indentation from an example that is all of the help's body; a blank keeps it.
+            _text = inspect.cleandoc(_command.help or "")
+            _command.help = _text.replace("\b\nExample", "\b\n \nExample") if _text.count("\n\n") == 1 else _text
+            group.add_command(_command)

@@ -1,4 +1,4 @@
-"""Adding what a diagnosis found: the command that does it, and ``--apply``, which does it step by step."""
+"""Fits of the command line, and adding what a diagnosis found: the command for it, and ``--apply``, step by step."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pumaid.cli.output import identified
+from pumaid.cli.output import progress
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.records import ADD, Diagnosis, Finding, read_diagnosis
+from pumaid.diagnosis.records import ADD, DIAGNOSIS_NAME, Diagnosis, Finding, read_diagnosis
 from pumaid.effect_spec import option_text
 from pumaid.effects import catalogue
 from pumaid.errors import ResultError
@@ -22,6 +22,14 @@ from pumaid.robot import EffectChoice, Robot
 MAY_RISE = 0.01
 #: Effects that one call adds at most: beyond that the catalogue is stretched over something that it does not have.
 MOST_ADDED = 4
+
+
+def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:
+    """A model of the runs, as `pumaid.identify` makes it, with progress."""
+    from pumaid.estimation.estimate import identify
+
+    with progress("identifying", total=robot.n_joints) as step:
+        return identify(dataset, robot, progress=lambda joint, text: step(robot.n_joints - joint, text), **choices)
 
 
 def with_commands(
@@ -91,7 +99,7 @@ def added(
     diagnosis, estimate
         The last ones; what was added stands in the diagnosis' `applied`.
     """
-    keep(model, estimate, robot)
+    keep(model, estimate)
     done: list[Finding] = []
     while len(done) < MOST_ADDED and (new := [item for item in diagnosis.findings if _is_addable(item, estimate)]):
         for finding in new[: MOST_ADDED - len(done)]:
@@ -99,24 +107,17 @@ def added(
             shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
             effects = (*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
             fresh = identified(dataset, robot, effects=effects)
-            before, after = _error(estimate), _error(fresh)
+            before, after = estimate.pooled("rmse") or 0.0, fresh.pooled("rmse") or 0.0
             if after > (1.0 + MAY_RISE) * before:
                 tell(left_out_sentence(finding, before, after, robot=robot))
                 current = diagnosis if finding is new[0] else again(estimate)
                 return replace(current, applied=tuple(done)), estimate
-            keep(model, fresh, robot)
+            keep(model, fresh)
             done.append(finding)
             tell(step_sentence(finding, estimate, fresh, robot=robot, number=len(done)))
             estimate = fresh
         diagnosis = again(estimate)
     return replace(diagnosis, applied=tuple(done)), estimate
-
-
-def _error(estimate: Estimate) -> float:
-    """RMSE (A) of all fitted samples of the arm."""
-    parts = [(joint.samples, joint.rmse) for joint in estimate.joints if joint.rmse is not None]
-    total = sum(samples for samples, _ in parts)
-    return (sum(samples * rmse**2 for samples, rmse in parts) / total) ** 0.5 if total else 0.0
 
 
 def _is_addable(finding: Finding, estimate: Estimate) -> bool:
@@ -127,10 +128,10 @@ def _is_addable(finding: Finding, estimate: Estimate) -> bool:
     return is_new and finding.verdict == ADD
 
 
-def with_earlier(diagnosis: Diagnosis, estimate: Estimate, earlier: Path) -> Diagnosis:
-    """The diagnosis with what earlier ones (the last in the file `earlier`) found and the model holds by now."""
+def with_earlier(diagnosis: Diagnosis, estimate: Estimate, results: Path) -> Diagnosis:
+    """The diagnosis with what earlier ones (the last in the folder `results`) found and the model holds by now."""
     try:
-        old = read_diagnosis(earlier)
+        old = read_diagnosis(results / DIAGNOSIS_NAME)
     except ResultError:
         return diagnosis
     there = {(choice.effect, choice.joint) for choice in estimate.effects}

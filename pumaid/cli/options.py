@@ -1,24 +1,16 @@
 """Arguments and options that several commands share, each written once.
 
-Values arrive under the option's name (``--json`` as ``as_json``); `experiment_options` and `model_on_logs` gather
-several as ``experiment`` and ``request``.
+Values arrive under the option's name (``--json`` as ``as_json``); `experiment_options` gathers several as `experiment`.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import rich_click as click
 
-if TYPE_CHECKING:
-    from pumaid.dataset import Dataset
-    from pumaid.estimate import Estimate
-    from pumaid.experiment import Experiment
-    from pumaid.robot import Robot
+from pumaid.cli.output import counted, remark
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
@@ -59,7 +51,6 @@ units_option = click.option(
     "--units", type=click.Choice(["rad", "deg"]), default="rad", help="Unit of angles in tables; JSON is in rad."
 )
 check_option = click.option("--check", is_flag=True, help="Leave with exit code 1 if something asks for attention.")
-suspect_option = click.option("--suspect", multiple=True, metavar="COLUMN", help="A column that may be the cause.")
 force_option = click.option("--force", is_flag=True, help="Replace what is there already.")
 
 
@@ -78,15 +69,6 @@ picture_option = click.option(
     metavar="FILE",
     callback=_picture,
     help="Draw it: .png, .svg or .pdf.",
-)
-add_option = click.option(
-    "--add",
-    multiple=True,
-    metavar="EFFECT[@JOINT]",
-    help="Physics to add: stribeck@3, ripple@2:frequency=58; repeatable.",
-)
-remove_option = click.option(
-    "--remove", multiple=True, metavar="EFFECT[@JOINT]", help="Leave out an effect of the recipe, or all; repeatable."
 )
 
 
@@ -116,18 +98,25 @@ heldout_option = click.option(
     metavar="FILE|posture",
     help="Logs kept for judging, or each joint's last posture; repeatable.",
 )
-trust_option = click.option("--trust", is_flag=True, help="Take logs that look wrong: refusals become notes.")
-cell_option = click.option(
-    "--cell",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="S",
-    help="Seconds a cell of any motion lasts.",
-)
-jobs_option = click.option(
-    "--jobs", type=click.IntRange(min=0), default=0, metavar="N", help="Processes that read logs; 0: one a core."
-)
-dask_option = click.option(
-    "--dask", default="", show_default=False, metavar="ADDRESS", help="Read logs with workers of this Dask scheduler."
+#: How logs are read.
+READING = (
+    click.option("--trust", is_flag=True, help="Take logs that look wrong: refusals become notes."),
+    click.option(
+        "--cell",
+        type=click.FloatRange(0.0, min_open=True),
+        metavar="S",
+        help="Seconds a cell of any motion lasts.",
+    ),
+    click.option(
+        "--jobs", type=click.IntRange(min=0), default=0, metavar="N", help="Processes that read logs; 0: one a core."
+    ),
+    click.option(
+        "--dask",
+        default="",
+        show_default=False,
+        metavar="ADDRESS",
+        help="Read logs with workers of this Dask scheduler.",
+    ),
 )
 
 
@@ -165,7 +154,6 @@ def experiment_options(*, has_heldout: bool = True, has_results: bool = True) ->
     def decorate(function: Decorated) -> Decorated:
         @wraps(function)
         def run(**values: Any) -> Any:
-            from pumaid.cli.output import counted, remark
             from pumaid.experiment import Experiment
 
             names = {"logs", "recipe", "heldout", "results", "trust", "cell", "jobs", "dask"} & set(values)
@@ -173,42 +161,12 @@ def experiment_options(*, has_heldout: bool = True, has_results: bool = True) ->
             return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
 
         choices = [results_option] * has_results + [heldout_option] * has_heldout
-        return together(run, recipe_option, *choices, trust_option, cell_option, jobs_option, dask_option)  # type: ignore[return-value]
+        return together(run, recipe_option, *choices, *READING)  # type: ignore[return-value]
 
     return decorate
 
 
-@dataclass(frozen=True, slots=True)
-class ModelOnLogs:
-    """A model held against logs: what `compare` and `diagnose` are asked alike."""
-
-    model: Path
-    experiment: Experiment
-    picture: Path | None
-    units: str
-    as_json: bool
-    check: bool
-
-    def spare_inputs(self, places: Sequence[Path | None], *more: Path | None) -> None:
-        """Refuse to write over what is read: model, logs, recipe and `more`."""
-        from pumaid.cli.output import spare_inputs
-
-        if any(places):
-            spare_inputs(places, self.experiment.files(self.model, *more))
-
-    def read(self, *, suspect: Sequence[str] = ()) -> tuple[Estimate, Robot, Dataset]:
-        """The model, the arm and the dataset of the logs."""
-        estimate = self.experiment.model(self.model)
-        return estimate, self.experiment.robot, self.experiment.dataset(extra=suspect)
-
-
 def model_on_logs(function: Decorated) -> Decorated:
-    """``MODEL LOGS...`` with the options of reading and showing them, as `request`: ModelOnLogs."""
-
-    @wraps(function)
-    def run(**values: Any) -> Any:
-        request = ModelOnLogs(**{item.name: values.pop(item.name) for item in fields(ModelOnLogs)})
-        return function(request=request, **values)
-
+    """``MODEL LOGS...`` with the options of reading and showing them: what `compare` and `diagnose` are asked alike."""
     reading = (model_argument, logs_argument, effects_option, picture_option, units_option)
-    return together(run, *reading, experiment_options(has_results=False), json_option, check_option)  # type: ignore[return-value]
+    return together(function, *reading, experiment_options(has_results=False), json_option, check_option)

@@ -1,35 +1,20 @@
 """Where words go: results to standard output, everything else to standard error."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rich_click as click
 
-from pumaid import __version__
 from pumaid.errors import Note, ResultError, Where, visible
-
-if TYPE_CHECKING:
-    from pumaid.dataset import Dataset
-    from pumaid.estimate import Estimate
-    from pumaid.robot import Robot
-
-Step = Callable[[float, str], None]
 
 
 def say(text: str = "") -> None:
     """A result for people, on standard output."""
     click.echo(visible(text))
-
-
-def content(text: str | bytes) -> None:
-    """What another command would find in a file, on standard output, to the letter."""
-    click.echo(text.encode("utf-8") if isinstance(text, str) else text, nl=False)
 
 
 def remark(text: str) -> None:
@@ -46,12 +31,12 @@ def notes(several: Iterable[Note]) -> None:
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 
 
-def tables(*parts: Any) -> None:
+def show(*parts: Any) -> None:
     """Tables and paragraphs, those that are there, on standard output, with an empty line between them.
 
-    They are as wide as the terminal; in a pipe `WIDTH` characters, uncoloured.
+    Parts in a list have none between them. They are as wide as the terminal; in a pipe `WIDTH` characters, uncoloured.
     """
-    from rich.console import Console
+    from rich.console import Console, Group
 
     from pumaid.reporting.table import WIDTH
 
@@ -64,15 +49,15 @@ def tables(*parts: Any) -> None:
         if isinstance(part, str):
             say(part)
         else:
-            console.print(part)
+            console.print(Group(*part) if isinstance(part, list) else part)
 
 
 def write_result(path: Path, data: str | bytes, what: str = "") -> None:
-    """Write a file, and say that `what` is there; ``-`` is standard output."""
+    """Write a file, and say that `what` is there; ``-`` is standard output, where it stands to the letter."""
     from pumaid.io.write import write_file
 
     if str(path) == "-":
-        content(data)
+        click.echo(data.encode("utf-8") if isinstance(data, str) else data, nl=False)
         return
     write_file(path, data)
     if what:
@@ -84,15 +69,15 @@ def write_picture(path: Path, drawing: Any) -> None:
     write_result(path, drawing.file(path.suffix.lstrip(".").lower()), "picture")
 
 
-def document(content: Mapping[str, Any]) -> None:
+def document(content: Mapping[str, Any], kind: str = "", **about: Any) -> None:
     """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null.
 
-    Kind, format and version stand first in every document; the version is ours where the document does not say.
+    What `pumaid.results.documents.heading` says of its `kind` (else the content's own) stands first, with what it is
+    `about`; the content's word stands where both say a thing.
     """
-    from pumaid.results.documents import as_text
+    from pumaid.results.documents import as_text, heading
 
-    head = {"kind": content["kind"], "format": content["format"], "pumaid": __version__}
-    click.echo(as_text(head | dict(content), ascii_only=True), nl=False)
+    click.echo(as_text(heading(kind or content["kind"], **about) | dict(content), ascii_only=True), nl=False)
 
 
 def effect_files() -> tuple[Path, ...]:
@@ -101,12 +86,19 @@ def effect_files() -> tuple[Path, ...]:
     return () if context is None else context.meta.get("pumaid.effects", ())
 
 
-def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> None:
+def spare_inputs(
+    places: Iterable[Path | None], read: Iterable[Path | None], *, new: Iterable[Path | None] = ()
+) -> None:
     """Refuse to write over what the command reads, under that name or another, before anything is computed.
 
     `places` is where the command writes (``-`` and none are no files), `read` the files that it works from; the user's
-    own effects are taken for granted. ResultError [output-is-input] where a place is one of the files.
+    own effects are taken for granted. ResultError [output-is-input] where a place is one of the files, [file-exists]
+    where one of the places `new` is taken.
     """
+    for place in new:
+        if place is not None and str(place) != "-" and place.exists():
+            mend = "replace it with --force, or write to another file with -o"
+            raise ResultError("file-exists", f"{place} is there already", Where(file=str(place)), mend)
     inputs = [path for path in (*read, *effect_files()) if path is not None and str(path) != "-"]
     for place in places:
         if place is None or str(place) == "-":
@@ -124,7 +116,7 @@ def spare_inputs(places: Iterable[Path | None], read: Iterable[Path | None]) -> 
 
 
 @contextmanager
-def progress(title: str, *, total: float | None = None) -> Iterator[Step]:
+def progress(title: str, *, total: float | None = None) -> Iterator[Callable[[float, str], None]]:
     """A progress line on standard error, only where it is a terminal.
 
     Yields ``step(done, text)``: how much of `total` (in any unit, None: unknown) is done, and words on what is at hand.
@@ -152,11 +144,3 @@ def counted(done: int, count: int) -> None:
         line = f"reading logs: {done} of {count} files"
         sys.stderr.write(f"\r{line}" if done < count else f"\r{' ' * len(line)}\r")
         sys.stderr.flush()
-
-
-def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:
-    """A model of the runs, as `pumaid.identify` makes it, with progress."""
-    from pumaid.estimation.estimate import identify
-
-    with progress("identifying", total=robot.n_joints) as step:
-        return identify(dataset, robot, progress=lambda joint, text: step(robot.n_joints - joint, text), **choices)

@@ -30,7 +30,7 @@ from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
-from pumaid.results.model_file import check_same_recipe
+from pumaid.results.documents import check_same_recipe
 from pumaid.robot import Joint, Robot
 
 Key = tuple[str, str]

@@ -41,7 +41,7 @@ from pumaid.joint_bins import JointBins, at, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
-from pumaid.results.model_file import check_same_recipe, model_digest
+from pumaid.results.documents import check_same_recipe, model_digest
 from pumaid.robot import Robot
 from pumaid.units import number
 

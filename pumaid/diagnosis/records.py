@@ -13,8 +13,7 @@ from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
 from pumaid.maths import Floats
-from pumaid.results.documents import as_text, heading, plain, read_document, record_from, sealed
-from pumaid.results.model_file import model_digest
+from pumaid.results.documents import as_text, heading, model_digest, plain, read_document, record_from, sealed
 from pumaid.trajectory import NextRun
 
 #: Name of the file in a folder of results.
@@ -253,7 +252,7 @@ def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
 
 
 def read_diagnosis(path: Path) -> Diagnosis:
-    """Read a diagnosis file; raises ResultError (file-not-readable, diagnosis-damaged)."""
+    """Read a diagnosis file; raises ResultError (file-not-readable, file-damaged)."""
     return read_document(Path(path), "diagnosis", partial(record_from, Diagnosis))
 
 

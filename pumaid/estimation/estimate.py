@@ -89,6 +89,7 @@ def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Cove
         recursive=of_recursion.values(),
         method="recursive" if recursive else "joint",
         recipe_digest=model.robot.digest,
+        geometry=model.robot.geometry,
         origin=model.robot.origin,
         version=__version__,
     )

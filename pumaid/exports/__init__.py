@@ -5,16 +5,14 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Mapping
-from dataclasses import replace
-from types import MappingProxyType
 
 from pumaid import __version__
 from pumaid.effect_spec import check_parameters
 from pumaid.estimate import Estimate
 from pumaid.exports.base import Exported, Form, Subject, identifier
-from pumaid.exports.equivalent_bodies import bodies, constants_of
+from pumaid.exports.equivalent_bodies import bodies
 from pumaid.exports.formulas import Formulas
-from pumaid.results.model_file import check_same_recipe
+from pumaid.results.documents import check_same_recipe
 from pumaid.robot import Robot
 
 __all__ = ["Exported", "Form", "Subject", "every_form", "export"]
@@ -30,7 +28,7 @@ def every_form() -> Mapping[str, Form]:
         for member in vars(module).values():
             if inspect.isclass(member) and issubclass(member, Form) and member.__module__ == module.__name__:
                 forms[info.name] = member()
-    return MappingProxyType(forms)
+    return forms
 
 
 def export(
@@ -58,23 +56,19 @@ def export(
     ------
     ModelError [model-other-recipe], [unknown-effect], [effect-changed]
         The model is of another recipe, or holds an effect that is not here.
-    ModelError [export-masses]
+    ModelError [torque-constants]
         No masses have the weight that the model says.
     """
     check_same_recipe(estimate, robot)
     check_parameters(estimate, robot)
     chosen, formulas = every_form()[form], Formulas.of(estimate, robot)
-    version = estimate.version or __version__
-    subject = Subject(formulas, identifier(name or robot.name), None, version)
-    if chosen.has_bodies:
-        torques, remarks = constants_of(formulas, torque_constants or {})
-        chain = bodies(formulas, torques)
-        subject = replace(subject, bodies=chain, remarks=(*remarks, *chain.remarks))
+    chain = bodies(formulas, torque_constants or {}) if chosen.has_bodies else None
+    subject = Subject(formulas, identifier(name or robot.name), chain, estimate.version or __version__)
     return Exported(
         form=form,
         name=subject.name,
         files=chosen.texts(subject),
         left_out=chosen.left_out(subject),
         undetermined=formulas.undetermined,
-        remarks=subject.remarks,
+        remarks=chain.remarks if chain else (),
     )

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -19,8 +19,8 @@ from pumaid.simulation.virtual_robot import Links, carried_moment, gravity_load,
 LIGHTEST = 0.02
 #: m; the centre of mass of a link lies this far from its axis, or as far as the next joint, where its mass is free.
 REACH = 0.15
-#: Share of what a slide carries that the links beyond it may have at most.
-CARRIED = 0.8
+#: Share of what a slide carries, less the links beyond, that the next link before those may have at most.
+CARRIED = 0.5
 #: kg/m3 of the ball whose moment of inertia stands in for the link's.
 DENSITY = 2700.0
 #: Random postures in which the weight of the bodies is held against the model, with this seed.
@@ -33,9 +33,9 @@ ROUNDING = 1e-9
 class Bodies:
     """A chain of rigid bodies in frames of the recipe, its torque constants, its friction, and how it is mounted.
 
-    `friction` and `damping` are means of both directions, never negative; `uneven` is by how much Coulomb friction
-    forward and backward differ from that mean. `inertias` are fictitious, of a ball of aluminium of that mass. `mount`
-    turns axes of the base into those of a world in which gravity is along -z. `remarks` are for the user.
+    `friction` and `damping` are means of both directions, never negative. `inertias` are fictitious, of a ball of
+    aluminium of that mass. `mount` turns axes of the base into those of a world in which gravity is along -z. `remarks`
+    are for the user.
     """
 
     masses: Floats  # (J,) kg
@@ -44,36 +44,36 @@ class Bodies:
     torques: Floats  # (J,) N m/A or N/A
     friction: Floats  # (J,) N m or N
     damping: Floats  # (J,) N m s/rad or N s/m
-    uneven: Floats  # (J,) N m or N
     mount: Floats  # (3, 3)
     remarks: tuple[str, ...]
 
 
-def bodies(formulas: Formulas, torques: Floats) -> Bodies:
-    """Bodies with the model's weight, by (J,) torque constants, N m/A or N/A, none zero.
+def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
+    """Bodies with the model's weight, by the torque constants of some joints (from 1), N m/A or N/A, none zero.
 
     A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
     centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
     contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is reported.
-    ModelError [export-masses]: a slide carries less than nothing, or less than a slide beyond it.
+    ModelError [torque-constants]: a slide carries less than nothing, or less than a slide beyond it.
 
     Source
     ------
     S.-K. Lin, eq. (13)-(15), solved for m_i c_i.
     """
     robot = formulas.robot
+    torques, remarks = _constants(formulas, given)
     wanted = formulas.moments * torques[:, None]
     carried, hidden = _carried(formulas, torques)
     masses, centres = _links(robot, wanted, carried=carried)
     plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
     rise, g = formulas.viscous.mean(axis=1) * torques, np.array(robot.gravity, dtype=float)
-    remarks = hidden
+    remarks += hidden
     for i in range(len(torques) - 1):
-        ratio, given = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
-        if ratio != 0.0 and abs(given - ratio) > ROUNDING * abs(ratio):
-            way = " (of the other sign)" if given * ratio < 0.0 else ""
+        ratio, stated = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
+        if ratio != 0.0 and abs(stated - ratio) > ROUNDING * abs(ratio):
+            way = " (of the other sign)" if stated * ratio < 0.0 else ""
             remarks.append(
-                f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {given:.4g}{way}, the"
+                f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {stated:.4g}{way}, the"
                 f" logs say {ratio:.4g}"
             )
     remarks += _off(formulas, torques, masses, centres=centres)
@@ -86,7 +86,6 @@ def bodies(formulas: Formulas, torques: Floats) -> Bodies:
         torques=torques,
         friction=np.maximum(0.5 * (plus - minus), 0.0),
         damping=np.maximum(rise, 0.0),
-        uneven=0.5 * np.abs(plus + minus),
         mount=turn_of_z(-g).T if g.any() else np.eye(3),
         remarks=tuple(remarks),
     )
@@ -117,7 +116,7 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
             beyond = f", and a slide beyond it carries {last:.4g} kg" if last else ""
             what = f"joint {joint} would carry {mass:.4g} kg{beyond}: no masses weigh that"
             mend = "check the sign of its torque constant, or write a form without masses (c, python, json, matlab)"
-            raise ModelError("export-masses", what, Where(joint=joint), mend)
+            raise ModelError("torque-constants", what, Where(joint=joint), mend)
         out[i] = last = mass
     return out, said
 
@@ -129,38 +128,26 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Fl
     turns = robot.is_revolute
     largest = float(np.abs(wanted[turns]).max(initial=0.0)) / 0.3
     least = LIGHTEST * (max(largest, float(np.nanmax(carried, initial=0.0))) or 1.0)
-    heaviest = _most(carried)
     masses, centres = np.zeros(n), np.zeros((n, 3))
     k = np.zeros(3)  # the constant first moment about the joint beyond, in the frame beyond
     for i in reversed(range(n)):
         rest, step = np.zeros(3), 0.0
         if i < n - 1:
-            rest = carried_moment(robot, i, masses[i + 1 :].sum(), k=k)
+            rest = carried_moment(robot, i, masses.sum(), k=k)
             step = float(np.linalg.norm(link_of(robot, i)))
-        need = wanted[i] - rest[:2]
+        need, outer = wanted[i] - rest[:2], masses.sum()
+        limits = carried[:i][np.isfinite(carried[:i])]  # of the slides before it, the last of which counts
+        heaviest = CARRIED * (limits[-1] - outer) if limits.size else np.inf
         if turns[i] and not unfelt[i]:
-            masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), heaviest[i])
+            masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), heaviest)
             centres[i, :2] = need / masses[i]
-        elif turns[i] or np.isnan(carried[i]):
-            masses[i] = min(least, heaviest[i])
         else:
-            masses[i] = carried[i] - masses[i + 1 :].sum()
+            masses[i] = min(least, heaviest) if turns[i] or np.isnan(carried[i]) else carried[i] - outer
         k = masses[i] * centres[i] + rest
     return masses, centres
 
 
-def _most(carried: Floats) -> Floats:
-    """(J,) kg that each link may have at most, so that what is carried by the slide before it is not exceeded."""
-    n = len(carried)
-    out, starts = np.full(n, np.inf), [*np.flatnonzero(np.isfinite(carried)), n]
-    for start, end in itertools.pairwise(starts):
-        held = carried[start] - (carried[end] if end < n else 0.0)
-        if end - start > 1:
-            out[start + 1 : end] = CARRIED * held / (end - start - 1)
-    return out
-
-
-def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> list[str]:
+def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> Iterator[str]:
     """Joints in which the bodies weigh something else than the model says, with how much."""
     robot = formulas.robot
     span = np.where(robot.is_revolute, np.pi, 0.5)
@@ -168,18 +155,16 @@ def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats
     position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
     wanted = formulas.weight(position) * torques
     off = gravity_load(robot, Links(masses, centres), position) - wanted
-    hides = {joint - 1 for joint in minimal(robot).embodied}
     scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
-    out = []
-    for i in sorted(set(range(robot.n_joints)) - hides):
-        size, load = (float(np.sqrt(np.mean(values[:, i] ** 2))) for values in (off, wanted))
-        if size > ROUNDING * scale:
-            unit = "N m" if robot.joints[i].is_revolute else "N"
-            out.append(
-                f"joint {i + 1}: the masses ask {size:.3g} {unit} RMS more or less than the model, whose load is"
+    sizes, loads = (np.sqrt(np.mean(values**2, axis=0)) for values in (off, wanted))
+    hidden = minimal(robot).embodied
+    for joint, size, load in zip(robot.joints, sizes, loads, strict=True):
+        if joint.number not in hidden and size > ROUNDING * scale:
+            unit = "N m" if joint.is_revolute else "N"
+            yield (
+                f"joint {joint.number}: the masses ask {size:.3g} {unit} RMS more or less than the model, whose load is"
                 f" {load:.3g} {unit} RMS there"
             )
-    return out
 
 
 def read_constants(text: str, joints: int) -> dict[int, float]:
@@ -202,7 +187,7 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
     return constants
 
 
-def constants_of(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, tuple[str, ...]]:
+def _constants(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, list[str]]:
     """(J,) torque constants of all joints, given those of some (from 1), and what is to be said of them.
 
     A joint that is not in `given` gets its constant from the nearest that has one, by the identified ratio of gains.
@@ -230,7 +215,7 @@ def constants_of(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats
             f"no torque constant of {which} was given: the largest there is taken as 1 N m/A (N/A){rest}; torques and"
             " masses there are right but for one factor (--torque-constants JOINT=K)"
         )
-    return out, tuple(remarks)
+    return out, remarks
 
 
 def _spread(constants: Floats, ratios: Floats) -> None:

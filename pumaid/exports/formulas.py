@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -103,10 +102,6 @@ class Formulas:
             left_out=tuple(Lack(name, reason) for name, reason in reasons.items() if reason is not None),
             undetermined=tuple(Lack(value.name, value.reason or "these data do not tell it") for value in unknown),
         )
-
-    def uses(self, quantity: str) -> bool:
-        """Whether a term is made from `quantity` (``across``, ``slope``, ``tilt``)."""
-        return any(re.search(rf"\b{quantity}(_\w+)?\b", term.formula) for term in self.terms)
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
         """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""

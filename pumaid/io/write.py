@@ -45,19 +45,6 @@ def write_file(path: Path, data: bytes | str) -> None:
         temporary.write_bytes(data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data)
 
 
-def refuse_to_replace(path: Path) -> None:
-    """Refuse to write a file where one stands that a user may have edited.
-
-    Raises
-    ------
-    ResultError [file-exists]
-        There is a file of that name.
-    """
-    if str(path) != "-" and path.exists():
-        mend = "replace it with --force, or write to another file with -o"
-        raise ResultError("file-exists", f"{path} is there already", Where(file=str(path)), mend)
-
-
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` that is renamed to it when the block ends without an error.

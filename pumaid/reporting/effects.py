@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from pumaid.effects import Effect, Family, Loads, Parameter, Samples, Scope, Shape
 from pumaid.effects.plugins import ARM
 from pumaid.maths import Floats
+from pumaid.reporting.table import Row, Table
 from pumaid.robot import Joint, Robot
 
 #: Joints of `ARM` that stand for their kinds; neither is the first nor the last, which are special to some effects.
@@ -94,6 +96,37 @@ def merged(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
         key = repr({name: value for name, value in item.items() if name != "owner"})
         alike[key] = item | ({"owner": "any"} if key in alike else {})
     return list(alike.values())
+
+
+def effects_table(effects: Iterable[dict[str, Any]]) -> Table:
+    """A row an effect, by its `facts`, those of all models first."""
+    rows: list[Row] = []
+    for effect in sorted(effects, key=lambda effect: not effect["base"]):
+        name = f"{effect['effect']} (in all models)" if effect["base"] else effect["effect"]
+        rows.append([name, effect["title"], effect["equation"], effect["family"], ", ".join(effect["look_alikes"])])
+    caption = "s sign of motion, q position, v speed, t time, load: of gravity, drawn: the predicted current (A)"
+    header = ("effect", "meaning", "current", "family", "look-alikes")
+    return Table("", header, rows, caption=caption, words=(0, 1, 2, 3, 4))
+
+
+def effect_parts(effect: Effect) -> list[str | Table]:
+    """An effect explained: its law and physics, parameters and shapes, and where it is seen and how it is added."""
+    entry = facts(effect)
+    parts: list[str | Table] = [f"{entry['effect']}: {entry['title']}\n\n{entry['equation']}\n\n{entry['physics']}"]
+    for kind, title in (("parameter", f"parameters of {entry['owner']}:"), ("shape", "shape (searched, or given):")):
+        rows: list[Row] = []
+        for item in merged(entry[f"{kind}s"]):
+            limits, example = bounds(item["low"], item["high"]), f"{item['example']:g}"
+            rows.append([item["owner"], item["name"], item["unit"], limits, example, item["meaning"]])
+        header = ("joint", kind, "unit", "bounds", "example", "meaning")
+        parts += [Table(title, header, rows, words=(0, 1, 2, 3, 5))] if rows else []
+    lines = [f"not at a {kind} joint: {reason}\n" for kind, reason in entry["not_at"].items()]
+    lines += [f"signature ({entry['signature']['at']}):", sketch(entry["signature"]), ""]
+    lines += [f"look-alikes: {', '.join(entry['look_alikes'])}"] if entry["look_alikes"] else []
+    lines += [f"residual depends on: {', '.join(entry['shown_by'])}"]
+    lines += [f"best seen in: {entry['seen_in']}"] if entry["seen_in"] else []
+    lines += [f"to add it: {entry['command'] or 'it is in all models'}", f"source: {entry['source']}"]
+    return [*parts, "\n".join(lines)]
 
 
 # Signatures

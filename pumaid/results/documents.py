@@ -1,4 +1,4 @@
-"""Result documents: records as JSON text closed by a digest, and records read back from it."""
+"""Result documents: records as JSON text closed by a digest, and read back from it; model files, which lose nothing."""
 
 import hashlib
 import json
@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import UnionType
@@ -16,18 +16,18 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from pumaid import __version__
-from pumaid.errors import Note, ResultError, Where
+from pumaid.dataset import BLOCK, STROKE
+from pumaid.errors import ModelError, Note, ResultError, Where
+from pumaid.estimate import Estimate
+from pumaid.io.write import write_file
 from pumaid.robot import Robot
 
 Record = TypeVar("Record")
 
 #: The format number that this version writes and reads.
 FORMAT = 1
-#: Kind of a document that is read -> slug of its refusals, and the command that makes one.
-_READ = {
-    "model": ("model-damaged", "pumaid identify LOGS..."),
-    "diagnosis": ("diagnosis-damaged", "pumaid diagnose MODEL LOGS..."),
-}
+#: Kind of a document that is read -> the command that makes one.
+_MADE_BY = {"model": "pumaid identify LOGS...", "diagnosis": "pumaid diagnose MODEL LOGS..."}
 #: Most bytes of a document.
 MOST_BYTES = 200 << 20
 
@@ -83,8 +83,8 @@ def heading(kind: str, *, robot: Robot | None = None, logs: Mapping[str, str] | 
 
 
 def digest_of(document: Mapping[str, Any]) -> str:
-    """SHA-256 of what a document says, apart from its own digest and its place in a history."""
-    content = {key: entry for key, entry in document.items() if key not in ("sha256", "history")}
+    """SHA-256 of what a document says, apart from its own digest."""
+    content = {key: entry for key, entry in document.items() if key != "sha256"}
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -101,37 +101,36 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
     ------
     ResultError [file-not-readable]
         There is no such file, or it may not be read.
-    ResultError [the kind, -damaged]
+    ResultError [file-damaged]
         It is not such a document, or was changed since it was written.
     """
     name = "standard input" if str(path) == "-" else str(path)
-    slug, command = _READ[kind]
     data = _content(path, name, kind)
 
     def damaged(what: str, field: str | None = None, line: int | None = None) -> ResultError:
         is_log = name.lower().endswith((".csv", ".parquet"))
-        mend = "the model comes before the logs: MODEL LOGS..." if is_log else f"make it again with '{command}'"
-        return ResultError(slug, what, Where(file=name, field=field, line=line), mend)
+        mend = "the model comes before the logs: MODEL LOGS..." if is_log else f"make it again with '{_MADE_BY[kind]}'"
+        return ResultError("file-damaged", what, Where(file=name, field=field, line=line), mend)
 
-    if len(data) > MOST_BYTES:
-        raise damaged(f"{name} has more than {MOST_BYTES >> 20} MiB")
     try:
+        if len(data) > MOST_BYTES:
+            raise ValueError(f"more than {MOST_BYTES >> 20} MiB")
         document = json.loads(data.decode("utf-8-sig"))
-        digest = digest_of(document) if isinstance(document, dict) else ""
+        entries = document if isinstance(document, dict) else {"kind": type(document).__name__}
+        digest = digest_of(entries)
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, too many digits, too deep
         what = f"{name} is not JSON, or breaks off: {str(error)[:80]}"
         raise damaged(what, line=getattr(error, "lineno", None)) from None
-    if not isinstance(document, dict) or document.get("kind") != kind:
-        actual = document.get("kind") if isinstance(document, dict) else type(document).__name__
-        raise damaged(f"{name} is not a {kind}: its kind is {actual!r}", "kind")
-    number = document.get("format")
+    number = entries.get("format")
+    if entries.get("kind") != kind:
+        raise damaged(f"{name} is not a {kind}: its kind is {entries.get('kind')!r}", "kind")
     if number != FORMAT or isinstance(number, bool):
-        what = f"{name} has format {number!r}, and was written by pumaid {document.get('pumaid')!r}"
+        what = f"{name} has format {number!r}, and was written by pumaid {entries.get('pumaid')!r}"
         raise damaged(f"{what}; this pumaid ({__version__}) reads format {FORMAT}", "format")
-    if document.get("sha256") != digest:
+    if entries.get("sha256") != digest:
         raise damaged(f"{name} was changed after pumaid wrote it", "sha256")
     try:
-        return build(document)
+        return build(entries)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise damaged(f"{name} lacks entries of a {kind}: {error!r:.80}") from None
 
@@ -141,13 +140,12 @@ def _content(path: Path, name: str, kind: str) -> bytes:
         with nullcontext(sys.stdin.buffer) if str(path) == "-" else path.open("rb") as stream:
             return stream.read(MOST_BYTES + 1)
     except OSError as error:
-        command = _READ[kind][1]
-        mend = f"check the path, or make it with '{command}'"
-        if path.is_dir():
-            files = [file for file in (path / f"{kind}.json", path / "results" / f"{kind}.json") if file.is_file()]
-            mend = f"give a file: {files[0] if files else path / f'{kind}.json'}"
-        what = f"{name} cannot be read: {error.strerror or error}"
-        raise ResultError("file-not-readable", what, Where(file=name), mend) from error
+        places = [path / "results" / f"{kind}.json", path / f"{kind}.json"]
+        file = next(filter(Path.is_file, places), places[1])
+        mend = f"give a file: {file}" if path.is_dir() else f"check the path, or make it with '{_MADE_BY[kind]}'"
+        raise ResultError(
+            "file-not-readable", f"{name} cannot be read: {error.strerror or error}", Where(file=name), mend
+        ) from error
 
 
 def record_from(kind: Any, entry: Any) -> Any:
@@ -176,3 +174,111 @@ def _fields(kind: Any) -> list[tuple[str, str, Any]]:
     """Name, entry in documents and type of a dataclass's fields."""
     types, names = get_type_hints(kind), _ENTRIES.get(kind.__name__, {})
     return [(item.name, names.get(item.name, item.name), types[item.name]) for item in fields(kind)]
+
+
+# Model files
+
+
+def model_document(estimate: Estimate) -> dict[str, Any]:
+    """An estimate as its JSON document."""
+    ratios = [value for value in estimate.values if value.name.startswith("gain_ratio.")]
+    parameters = [value for value in estimate.values if value not in ratios]
+    return sealed(
+        {
+            "kind": "model",
+            "format": FORMAT,
+            "pumaid": estimate.version or __version__,
+            "robot": estimate.robot,
+            "recipe": {"file": estimate.origin, "sha256": estimate.recipe_digest},
+            "geometry": estimate.geometry,
+            "logs": estimate.logs,
+            "method": estimate.method,
+            "effects": estimate.effects,
+            "joints": [
+                plain(fit)
+                | {"strokes": fit.kinds.get(STROKE, 0), "blocks": fit.kinds.get(BLOCK, 0)}
+                | {"parameters": [value for value in parameters if value.joint == fit.joint]}
+                for fit in estimate.joints
+            ],
+            "arm": [value for value in parameters if value.joint is None],
+            "ratios": ratios,
+            "combinations": estimate.combinations,
+            "recursive": estimate.recursive,
+            "notes": estimate.notes,
+            "heldout": estimate.heldout,
+            "prediction": {
+                "names": estimate.names,
+                "solution": estimate.solution,
+                "covariance": estimate.covariance,
+                "scales": estimate.scales,
+                "blind": estimate.blind,
+                "order": [value.name for value in estimate.values],
+            },
+        }
+    )
+
+
+def write_model(path: Path, estimate: Estimate) -> None:
+    """Write a model file atomically; a ResultError [cannot-write] where the system refuses."""
+    write_file(Path(path), as_text(model_document(estimate)))
+
+
+def model_digest(estimate: Estimate) -> str:
+    """SHA-256 of the file that `write_model` makes of an estimate, whether it is written or not."""
+    notes = tuple(note for note in estimate.notes if note.slug != "model-other-version")
+    return hashlib.sha256(as_text(model_document(replace(estimate, notes=notes))).encode("utf-8")).hexdigest()
+
+
+def read_model(path: Path) -> Estimate:
+    """The estimate in a model file, floats bit for bit; ``-`` is standard input.
+
+    A file of another version of pumaid has a note that says so.
+
+    Raises
+    ------
+    ResultError [file-not-readable], [file-damaged]
+        There is no such file, or it may not be read; it is no model file that this version can read, or was changed.
+    """
+    return read_document(Path(path), "model", estimate_from)
+
+
+def estimate_from(document: Mapping[str, Any]) -> Estimate:
+    """The estimate of a model document."""
+    inner = document["prediction"]
+    values = [value for joint in document["joints"] for value in joint["parameters"]]
+    values += [*document["arm"], *document["ratios"]]
+    place = {name: number for number, name in enumerate(inner["order"])}
+    entries = {**document, **inner, "version": document["pumaid"]}
+    entries |= {"origin": document["recipe"]["file"], "recipe_digest": document["recipe"]["sha256"]}
+    entries["values"] = sorted(values, key=lambda value: place[value["name"]])
+    estimate: Estimate = record_from(Estimate, entries)
+    notes, p = estimate.notes, len(estimate.names)
+    if estimate.version != __version__:
+        text = f"the model was written by pumaid {estimate.version}, this is {__version__}; the format is the same"
+        notes = (*notes, Note("model-other-version", text))
+    blind = estimate.blind.reshape(p, -1) if p else np.zeros((0, 0))
+    return replace(estimate, covariance=estimate.covariance.reshape(p, p), blind=blind, notes=notes)
+
+
+def check_same_recipe(estimate: Estimate, robot: Robot) -> None:
+    """Refuse a model that was identified with another recipe.
+
+    Where the model or the robot has no recipe file, names and joints are compared.
+
+    Raises
+    ------
+    ModelError [model-other-recipe]
+        They do not belong together.
+    """
+    what = ""
+    if len(estimate.joints) != robot.n_joints:
+        what = f"the model is of an arm with {len(estimate.joints)} joints, the recipe has {robot.n_joints}"
+    elif estimate.recipe_digest and robot.digest:
+        if estimate.recipe_digest != robot.digest:
+            digests = f"(SHA-256 {estimate.recipe_digest[:12]}, this one {robot.digest[:12]})"
+            what = f"the model of '{estimate.robot}' was identified with another recipe {digests}"
+    elif estimate.robot != robot.name:
+        what = f"the model is of '{estimate.robot}', the recipe of '{robot.name}'"
+    if what:
+        mend = "give the recipe that the model was made with by --recipe, or identify again with this one"
+        raise ModelError("model-other-recipe", what, Where(file=robot.origin or None), mend)

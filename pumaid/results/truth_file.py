@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from pumaid.errors import ModelError, Where
-from pumaid.maths import Floats
 from pumaid.results.documents import FORMAT, heading, plain, record_from
 from pumaid.robot import Robot
 from pumaid.simulation import BREAKAWAY, Constants, Friction, Hidden, Links, Noise, Truth, links_of
@@ -70,12 +69,10 @@ def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
     n, has_masses = robot.n_joints, document.get("mass") is not None
     # Truths of earlier versions state no break-away friction.
     document = {"breakaway": [BREAKAWAY] * n, "hidden": [], **document}
-    arrays: dict[str, Floats] = {}
+    names = ("inertia", "breakaway", *(("gain", "mass", "centre") if has_masses else ()))
     try:
-        friction = record_from(Friction, document["friction"])
-        noise = record_from(Noise, document["noise"])
-        for name in ("inertia", "breakaway", *(("gain", "mass", "centre") if has_masses else ())):
-            arrays[name] = np.array(document[name], dtype=float)
+        friction, noise = record_from(Friction, document["friction"]), record_from(Noise, document["noise"])
+        arrays = {name: np.array(document[name], dtype=float) for name in names}
         given = None if has_masses else record_from(Constants, document["constants"])
         hidden = record_from(tuple[Hidden, ...], document["hidden"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:

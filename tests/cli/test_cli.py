@@ -62,7 +62,11 @@ def test_help_fits_a_screen_and_explains(name):
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (PermissionError(13, "Permission denied", "secret.csv"), 3, "error[file-refused]: the system says: Permission"),
+        (
+            PermissionError(13, "Permission denied", "secret.csv"),
+            3,
+            "error[file-not-readable]: the system says: ",
+        ),
         (MemoryError("Unable to allocate 9.50 MiB"), 3, "error[no-memory]: "),
         (ImportError("libarrow.so: failed to map segment from shared object"), 3, "error[no-memory]: "),
         (ZeroDivisionError("by 0"), 4, "bug: pumaid failed with ZeroDivisionError"),
@@ -87,7 +91,7 @@ def test_tables_in_a_pipe_are_at_most_100_characters_wide(capsys):
     """A wide table is split where there is no terminal; nothing of it is lost."""
     from pumaid.reporting.table import Table
 
-    output.tables(Table("", [f"column {n}" for n in range(30)], [[str(n) * 8 for n in range(10, 40)]]))
+    output.show(Table("", [f"column {n}" for n in range(30)], [[str(n) * 8 for n in range(10, 40)]]))
     lines = capsys.readouterr().out.splitlines()
     assert max(len(line.rstrip()) for line in lines) <= 100
     assert all(str(n) * 8 in " ".join(lines) for n in range(10, 40))

@@ -58,7 +58,7 @@ def test_report_takes_the_logs_beside_its_model(arm, tmp_path, monkeypatch):
     run("report", "arm/results/model.json", "no_such_logs", code=3)
     assert page.read_text(encoding="utf-8") == "old"
     write_diagnosis(arm / "results" / "diagnosis.json", rich())  # of another arm
-    assert "note[diagnosis-damaged]" in run("report", "arm/results/model.json", "--format", "png").stderr
+    assert "note[file-damaged]" in run("report", "arm/results/model.json", "--format", "png").stderr
     text = page.read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>") and 'id="missing"' not in text
     assert (arm / "results" / "figures" / "spent.png").read_bytes().startswith(b"\x89PNG")

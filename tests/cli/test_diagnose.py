@@ -25,7 +25,7 @@ from pumaid.experiment import Experiment
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
-from pumaid.results.model_file import model_digest
+from pumaid.results.documents import model_digest
 from pumaid.robot import EffectChoice
 from pumaid.simulation import draw
 from pumaid.simulation import hidden_effects as hidden

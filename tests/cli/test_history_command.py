@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from command import answer, run
-from ladders import ARM, STRIBECK, experiment, model
+from ladders import STRIBECK, experiment, model
 
 from pumaid.results.history import keep
 
@@ -51,7 +51,7 @@ def test_undo(arm):
     told = answer("history")
     assert told["current"] == 2 and told["ladders"][0]["path"] == [1, 2]
     assert json.loads((arm / "results" / "model.json").read_text())["effects"][0]["effect"] == "stribeck"
-    keep(arm / "results" / "model.json", replace(model(STRIBECK, rmse=0.031), method="recursive"), ARM)
+    keep(arm / "results" / "model.json", replace(model(STRIBECK, rmse=0.031), method="recursive"))
     assert "fitted again" in run("history").stdout
 
 
@@ -65,8 +65,8 @@ def test_folder_may_be_named(arm, monkeypatch, arguments):
 
 def test_models_of_other_logs_stand_apart(arm):
     """They are a table of their own that says why it must not be compared."""
-    keep(arm / "results" / "model.json", model(STRIBECK, rmse=0.5, logs={"b.csv": "ef" * 32}), ARM)
-    keep(arm / "results" / "model.json", model(), ARM)
+    keep(arm / "results" / "model.json", model(STRIBECK, rmse=0.5, logs={"b.csv": "ef" * 32}))
+    keep(arm / "results" / "model.json", model())
     out = run("history").stdout
     assert "Not comparable with the models above: fitted to other logs" in out
     assert out.index("0.0600") < out.index("Not comparable")

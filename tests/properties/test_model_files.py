@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
-from pumaid.results.documents import as_text
-from pumaid.results.model_file import model_document, read_model
+from pumaid.results.documents import as_text, model_document, read_model
 
 ESTIMATE = report_contexts.small().estimate
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)

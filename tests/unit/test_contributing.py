@@ -68,7 +68,6 @@ from pumaid.exports.base import Form
 
 class Dummy(Form):
     """The ratios alone."""
-    title = "ratios as text"
 
     def texts(self, subject):
         return {".txt": repr(subject.formulas.ratios.tolist())}

@@ -10,8 +10,7 @@ import pytest
 
 from pumaid.diagnosis.records import Digest, diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
-from pumaid.results.documents import digest_of
-from pumaid.results.model_file import model_digest, write_model
+from pumaid.results.documents import digest_of, model_digest, write_model
 
 
 def same(a, b) -> bool:
@@ -63,14 +62,14 @@ def test_another_or_an_edited_document_is_refused(tmp_path, entries, field):
     (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(ResultError) as refused:
         read_diagnosis(tmp_path / "d.json")
-    assert refused.value.slug == "diagnosis-damaged" and refused.value.where.field == field
+    assert refused.value.slug == "file-damaged" and refused.value.where.field == field
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff\xfe", b"[" * 100_000])
 def test_what_is_no_diagnosis_is_refused(tmp_path, content):
     """Empty, broken, binary or endless files are refused with a mend."""
     (tmp_path / "d.json").write_bytes(content)
-    with pytest.raises(ResultError, match="diagnosis-damaged"):
+    with pytest.raises(ResultError, match="file-damaged"):
         read_diagnosis(tmp_path / "d.json")
 
 

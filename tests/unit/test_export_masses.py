@@ -147,7 +147,7 @@ def test_a_slide_with_a_negative_mass_is_refused():
     wrong = given(robot) | {3: -given(robot)[3]}
     with pytest.raises(ModelError, match="would carry -") as caught:
         export(fitted(robot), robot, form="urdf", torque_constants=wrong)
-    assert caught.value.slug == "export-masses"
+    assert caught.value.slug == "torque-constants"
 
 
 def test_a_load_that_hides_in_friction_is_written_as_weight():

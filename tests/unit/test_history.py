@@ -7,8 +7,8 @@ import pytest
 from ladders import ARM, RIPPLE, STRIBECK, model
 
 from pumaid.errors import ResultError
+from pumaid.results.documents import read_model, write_model
 from pumaid.results.history import keep, read_history, restore
-from pumaid.results.model_file import read_model, write_model
 from pumaid.robot import EffectChoice
 
 ROTTEN = {"notes.txt": "mine", "009-broken.json": "{", "010-other.json": '{"kind": "comparison"}', "best.json": "{}"}
@@ -32,12 +32,12 @@ def parents(path: Path) -> dict[int, int | None]:
 
 def test_every_model_is_kept_once_under_its_number_and_effects(path):
     """The current model is the last, each stays readable, and fitting anew what was fitted before adds no file."""
-    keep(path, model(), ARM)
-    keep(path, model(STRIBECK, RIPPLE, replace(STRIBECK, joint=2), rmse=0.01), ARM)
+    keep(path, model())
+    keep(path, model(STRIBECK, RIPPLE, replace(STRIBECK, joint=2), rmse=0.01))
     assert names(path) == ["001-base.json", "002-stribeck@1,2+ripple@2.json"]
     assert read_model(path).effects == read_model(path.parent / "models" / names(path)[1]).effects
     assert read_model(path.parent / "models" / names(path)[0]).effects == ()
-    assert keep(path, model(), ARM).name == "001-base.json"
+    assert keep(path, model()).name == "001-base.json"
     assert len(names(path)) == 2 and read_history(path.parent).current == 1
 
 
@@ -51,29 +51,29 @@ def test_every_model_is_kept_once_under_its_number_and_effects(path):
     ],
 )
 def test_what_a_model_is_made_from(path, effects, expected):
-    """From the model before where one of the two has all effects of the other, else from the best that it contains."""
+    """From the earlier model with the fewest effects more or less, of several the latest."""
     for number, chosen in enumerate(effects):
-        keep(path, model(*chosen, rmse=0.03 - 0.001 * number), ARM)
+        keep(path, model(*chosen, rmse=0.03 - 0.001 * number))
     last = read_history(path.parent).ladders[0].rungs[-1]
     assert (last.parent, last.added, last.removed) == expected
 
 
 def test_undo_brings_the_earlier_file_back(path):
     """After restoring, the current model is the earlier one byte for byte, and the later one is still kept."""
-    keep(path, model(), ARM)
+    keep(path, model())
     before = path.read_bytes()
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    keep(path, model(STRIBECK, rmse=0.02))
     assert restore(path.parent, 1) == path
     assert path.read_bytes() == before
     assert read_history(path.parent).current == 1 and len(names(path)) == 2
-    keep(path, model(RIPPLE, rmse=0.02), ARM)
+    keep(path, model(RIPPLE, rmse=0.02))
     assert parents(path)[3] == 1  # what is fitted next was made from the model that was brought back
 
 
 def test_a_model_from_before_the_archive_is_kept_too(path):
     """Neither the next model nor an undo destroys a current model that was in no archive."""
     write_model(path, model())
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    keep(path, model(STRIBECK, rmse=0.02))
     write_model(path, model(RIPPLE, rmse=0.015))
     restore(path.parent, 2)
     assert names(path) == ["001-base.json", "002-stribeck@1.json", "003-ripple@2.json"]
@@ -85,7 +85,7 @@ def test_models_that_are_not_there_are_refused(path):
     with pytest.raises(ResultError, match="pumaid identify") as refused:
         read_history(path.parent)
     assert refused.value.slug == "no-history"
-    keep(path, model(), ARM)
+    keep(path, model())
     with pytest.raises(ResultError, match="there are 1") as refused:
         restore(path.parent, 7)
     assert refused.value.slug == "no-history" and read_model(path).effects == ()
@@ -93,24 +93,24 @@ def test_models_that_are_not_there_are_refused(path):
 
 def test_whole_arm_weighs_samples(path):
     """Squares of 0.03 A over 300 and 0.06 A over 100 samples: the root of 0.001575 A2; no joint has held-out runs."""
-    keep(path, model(), ARM)
+    keep(path, model())
     whole = read_history(path.parent).ladders[0].rungs[0].whole
     assert whole["rmse"] == pytest.approx(0.001575**0.5)
     assert (whole["heldout"], whole["noise_floor"]) == (None, pytest.approx(0.01))
 
 
 @pytest.mark.parametrize(
-    ("changes", "robot", "why"),
+    ("changes", "why"),
     [
-        ({"recipe_digest": "bb" * 32}, replace(ARM, gravity=(0.0, 0.0, 9.8), digest="bb" * 32), "another recipe"),
-        ({"logs": {"a.csv": "cd" * 32, "b.csv": "ef" * 32}}, ARM, "other logs (1, of which the current model has 1)"),
-        ({"samples": 210}, ARM, "other runs"),
+        ({"geometry": replace(ARM, gravity=(0.0, 0.0, 9.8)).geometry}, "another recipe"),
+        ({"logs": {"a.csv": "cd" * 32, "b.csv": "ef" * 32}}, "other logs (1, of which the current model has 1)"),
+        ({"samples": 210}, "other runs"),
     ],
 )
-def test_what_cannot_be_compared_stands_apart(path, changes, robot, why):
+def test_what_cannot_be_compared_stands_apart(path, changes, why):
     """Models of another arm, other logs or other runs of them are a ladder of their own, which says why."""
-    keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02, **changes), robot)
+    keep(path, model())
+    keep(path, model(STRIBECK, rmse=0.02, **changes))
     own, other = read_history(path.parent).ladders
     assert [rung.number for rung in own.rungs] == [2] and own.rungs[0].parent is None
     assert own.apart == "" and why in other.apart
@@ -118,32 +118,32 @@ def test_what_cannot_be_compared_stands_apart(path, changes, robot, why):
 
 def test_effects_in_the_recipe_do_not_part_the_ladder(path):
     """A recipe that gained an effect is still the same arm."""
-    keep(path, model(), ARM)
-    robot = replace(ARM, effects=(STRIBECK,), digest="bb" * 32)
-    keep(path, model(STRIBECK, rmse=0.02, recipe_digest="bb" * 32), robot)
+    keep(path, model())
+    geometry = replace(ARM, effects=(STRIBECK,), digest="bb" * 32).geometry
+    keep(path, model(STRIBECK, rmse=0.02, recipe_digest="bb" * 32, geometry=geometry))
     assert len(read_history(path.parent).ladders) == 1 and parents(path) == {1: None, 2: 1}
 
 
 def test_foreign_broken_and_changed_files_are_told(path):
     """Each is named with what is wrong with it; the rest is used, and the next number stays clear of them."""
-    keep(path, model(), ARM)
+    keep(path, model())
     for name, text in ROTTEN.items():
         (path.parent / "models" / name).write_text(text, encoding="utf-8")
     history = read_history(path.parent)
     assert sorted(Path(note.where.file).name for note in history.notes) == sorted(ROTTEN)
-    assert {note.slug for note in history.notes} == {"model-skipped"}
-    archived = keep(path, model(STRIBECK, rmse=0.02), ARM)
+    assert {note.slug for note in history.notes} == {"model-not-kept"}
+    archived = keep(path, model(STRIBECK, rmse=0.02))
     assert archived.name.startswith("011")
     archived.write_text(archived.read_text().replace('"rmse": 0.02,', '"rmse": 0.0002,'), encoding="utf-8")
     history = read_history(path.parent)
-    assert [note.slug for note in history.notes[-2:]] == ["model-skipped", "model-not-kept"]
+    assert [note.slug for note in history.notes[-2:]] == ["model-not-kept", "model-not-kept"]
     assert "was changed" in history.notes[-2].text and len(history.ladders[0].rungs) == 1
 
 
 def test_a_lost_parent_leaves_a_ladder(path):
     """Where the model before was deleted, what follows stands as a first one with all that is in it."""
-    first = keep(path, model(), ARM)
-    keep(path, model(STRIBECK, rmse=0.02), ARM)
+    first = keep(path, model())
+    keep(path, model(STRIBECK, rmse=0.02))
     first.unlink()
     (rung,) = read_history(path.parent).ladders[0].rungs
     assert (rung.parent, rung.added, rung.is_current) == (None, (STRIBECK,), True)
@@ -152,7 +152,7 @@ def test_a_lost_parent_leaves_a_ladder(path):
 @pytest.mark.parametrize(("text", "why"), [(None, "missing"), ("{", "damaged")])
 def test_a_current_model_that_is_gone_is_told(path, text, why):
     """The ladder then ends at the last model that was kept."""
-    keep(path, model(), ARM)
+    keep(path, model())
     path.unlink() if text is None else path.write_text(text, encoding="utf-8")
     history = read_history(path.parent)
     assert history.current is None and why in history.notes[0].text
@@ -162,4 +162,4 @@ def test_a_current_model_that_is_gone_is_told(path, text, why):
 def test_a_long_list_of_effects_is_counted_in_the_name(path):
     """A name that no disk would take is never made."""
     many = [EffectChoice(f"effect_of_a_long_name_{k}", 1) for k in range(40)]
-    assert keep(path, model(*many), ARM).name == "001-40-effects.json"
+    assert keep(path, model(*many)).name == "001-40-effects.json"

@@ -137,12 +137,11 @@ def beyond_a_screen(path: Path) -> list[str]:
 
 def crowded(path: Path) -> dict[str, int]:
     """Functions with more than three arguments by position (four behind an underscore), and how many."""
-    # An error takes slug, what, where and mend in the order in which they are printed; click calls by keyword.
+    # An error takes slug, what, where and mend in the order in which they are printed.
     counts = {}
     for function in functions(path) if path.name != "errors.py" else ():
         names = [a.arg for a in (*function.args.posonlyargs, *function.args.args) if a.arg not in ("self", "cls")]
-        called_by_click = path.parent.name == "commands" and function.name == "command"
-        if len(names) > MOST_POSITIONAL + (function.name[0] == "_") and not called_by_click:
+        if len(names) > MOST_POSITIONAL + (function.name[0] == "_"):
             counts[function.name] = len(names)
     return counts
 
@@ -300,13 +299,12 @@ def test_one_effect_a_file():
 
 
 def heavy_command(path: Path) -> list[str]:
-    """Our own modules, beyond the light ones, that a command imports before it runs, or that it lacks ``command``."""
-    if path.parent.name != "commands" or path.stem == "__init__":
+    """Our own modules, beyond the light ones, that commands import before one runs."""
+    if path.parent.name != "commands":
         return []
     light = ("pumaid.cli", "pumaid.errors", "pumaid.units", "pumaid.__version__")
     top = [name for name in imports(path, only_top=True) if name.split(".")[0] == "pumaid"]
-    lacking = ["command"] if all(f.name != "command" for f in functions(path)) else []
-    return lacking + [name for name in top if not name.startswith(light)]
+    return [name for name in top if not name.startswith(light)]
 
 
 RULES = (
@@ -360,9 +358,10 @@ def test_a_dataset_needs_no_reader(tmp_path):
 PUBLIC = [
     *("Answer", "Arm"),
     *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
+    "Drawing",
     *("EffectChoice", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
     *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
-    *("LogReader", "ModelError", "Motion", "NextRun", "Note", "Picture", "Plan", "Posture"),
+    *("LogReader", "ModelError", "Motion", "NextRun", "Note", "Plan", "Posture"),
     *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),
     *("Unexplained", "Value", "Where", "catalogue", "compare", "diagnose", "export", "identify", "load", "plan"),
     *("read_diagnosis", "read_history", "read_model", "read_recipe", "segment", "simulate"),

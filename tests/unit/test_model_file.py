@@ -10,8 +10,7 @@ import pytest
 
 from pumaid.errors import ModelError, Note, ResultError, Where
 from pumaid.estimate import Combination, Estimate, JointFit, Value
-from pumaid.results.documents import as_text, digest_of
-from pumaid.results.model_file import check_same_recipe, read_model, write_model
+from pumaid.results.documents import as_text, check_same_recipe, digest_of, read_model, write_model
 from pumaid.robot import EffectChoice, Joint, Robot
 
 AWKWARD = 0.1 + 0.2  # 0.30000000000000004: a float that a rounded text would change
@@ -41,6 +40,7 @@ def estimate() -> Estimate:
         method="recursive",
         recursive=(Value("gravity.l2.x", "k2x", 2, "A s2/m", 0.3, 0.1, (0.1, 0.5)),),
         recipe_digest="ab" * 32,
+        geometry="bc" * 32,
         origin="recipe.yaml",
         logs={"a.csv": "cd" * 32},
         notes=(Note("few-runs", "joint 2 has 0 runs", Where(joint=2, file="a.csv")),),
@@ -125,7 +125,7 @@ def test_paths_that_are_no_file(model):
 def test_other_format(model, entry, value):
     """A format that this version does not know, or another document, is named."""
     found = refusal(broken(model, entry, to=value))
-    assert found.slug == "model-damaged" and repr(value) in found.what
+    assert found.slug == "file-damaged" and repr(value) in found.what
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_other_format(model, entry, value):
 def test_a_model_that_was_edited_is_refused(model, steps, to, is_sealed):
     """A change by hand, however plausible, is seen by the file's digest; with a right digest, by its entries."""
     refused = refusal(broken(model, *steps, to=to, is_sealed=is_sealed))
-    assert refused.slug == "model-damaged" and (is_sealed or refused.where.field == "sha256")
+    assert refused.slug == "file-damaged" and (is_sealed or refused.where.field == "sha256")
 
 
 def test_names_of_logs_that_are_no_text(tmp_path):

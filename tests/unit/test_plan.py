@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from menus import arm
 
-from pumaid.cli.planning import ATTENTION
+from pumaid.cli.commands.experiments import ATTENTION
 from pumaid.design.candidate_runs import top_speed
 from pumaid.design.plan import check_plan, plan
 from pumaid.errors import Faults, ModelError

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -27,10 +28,10 @@ def test_all_ways_to_a_terminal_are_guarded(capsys):
     output.say(STEERING)
     output.remark(STEERING)
     output.notes([Note("odd", STEERING)])
-    output.tables(session_table([(STEERING, 1, 0.0, 1.0)]))
+    output.show(session_table([(STEERING, 1, 0.0, 1.0)]))
     told = capsys.readouterr()
     assert re.findall("[\x1b\x07\u202e]", told.out + told.err) == [] and (told.out + told.err).count(r"\x1b") == 4
-    output.content(STEERING)
+    output.write_result(Path("-"), STEERING)
     assert capsys.readouterr().out == STEERING
 
 

@@ -1,1 +1,1 @@
-"""One command a file; each defines ``command`` and keeps heavy imports inside its function."""
+"""What ``pumaid`` can be told, by the step of the work; commands import what is heavy inside their functions."""

@@ -2,13 +2,12 @@
 
 from typing import ClassVar
 
-from pumaid.exports.source_code import SourceForm
+from pumaid.exports.base import SourceForm
 
 
 class C(SourceForm):
     """Nothing is allocated and no data changes, so that it runs in an interrupt and on several arms at once."""
 
-    title = "C99 header and source: gravity, friction and their sum, without allocation"
     templates = ("model.h", "model.c")
     names: ClassVar = {
         "abs": "fabs",

@@ -42,8 +42,6 @@ SIGNED = {"v": "abs(v)", "shaft": "v"}
 class Json(Form):
     """A dictionary with the constants, the formulas and what they mean."""
 
-    title = "JSON dictionary: constants and formulas, with postures and currents to check a program by"
-
     def texts(self, subject: Subject) -> dict[str, str]:
         formulas, robot = subject.formulas, subject.formulas.robot
         ways = np.random.default_rng(0)

@@ -2,13 +2,12 @@
 
 from typing import ClassVar
 
-from pumaid.exports.source_code import SourceForm
+from pumaid.exports.base import SourceForm
 
 
 class Matlab(SourceForm):
     """Runs in Octave as well, and needs no toolbox."""
 
-    title = "MATLAB function file (Octave too): gravity, friction and their sum of one posture"
     templates = ("model.m.txt",)
     names: ClassVar = {
         "q": "q({i})",

@@ -4,16 +4,14 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from pumaid.exports.base import Form, Subject
+from pumaid.exports.base import Form, Subject, add, bodies_of, weights_only, written, xml_name
 from pumaid.exports.formulas import Lack
-from pumaid.exports.robot_xml import add, bodies_of, weights_only, written, xml_name
 from pumaid.maths import Floats
 
 
 class Mjcf(Form):
     """A motor's control is its current: its gear is the torque constant."""
 
-    title = "MJCF for MuJoCo: masses with the model's weight, mean friction, limits, motors driven in ampere"
     has_bodies = True
 
     def left_out(self, subject: Subject) -> tuple[Lack, ...]:

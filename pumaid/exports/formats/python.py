@@ -2,13 +2,12 @@
 
 from typing import ClassVar
 
-from pumaid.exports.source_code import SourceForm
+from pumaid.exports.base import SourceForm
 
 
 class Python(SourceForm):
     """Functions of one posture or of many at once."""
 
-    title = "Python module, numpy only: gravity, friction and their sum, for one posture or many"
     templates = ("model.py.txt",)
     names: ClassVar = {name: f"np.{name}" for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")} | {
         "max": "np.maximum",

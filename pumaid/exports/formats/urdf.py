@@ -4,9 +4,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from pumaid.exports.base import Form, Subject
+from pumaid.exports.base import Form, Subject, add, bodies_of, weights_only, written, xml_name
 from pumaid.exports.formulas import Lack
-from pumaid.exports.robot_xml import add, bodies_of, weights_only, written, xml_name
 from pumaid.maths import Floats
 from pumaid.robot import roll_pitch_yaw
 
@@ -17,7 +16,6 @@ NO_LIMIT = 1e6
 class Urdf(Form):
     """Gravity has no place in URDF: a fixed joint turns the base so that it is along -z of the world."""
 
-    title = "URDF: masses with the model's weight, mean friction, the recipe's geometry and limits"
     has_bodies = True
 
     def left_out(self, subject: Subject) -> tuple[Lack, ...]:

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -17,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from pumaid.dataset import Reject, Run
+from pumaid.io.write import write_file
 
 #: Ink of text and axes (the page's text colour on a page); greys; Okabe and Ito's colours for the two directions.
 INK, GREY, FAINT, TINT = "#2b2f36", "#8a9099", "#c9ced6", "#f3f4f6"
@@ -99,6 +102,13 @@ class Drawing:
             self.figure.savefig(stream, format=kind, dpi=200, metadata=metadata, facecolor=background)
         data = stream.getvalue()
         return inlined(data.decode("utf-8"), self.name, self.title).encode("utf-8") if form == INLINE else data
+
+    def _repr_png_(self) -> bytes:
+        return self.file("png")
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it as PNG, SVG or PDF, by the file's ending."""
+        write_file(Path(path), self.file(Path(path).suffix.lstrip(".").lower()))
 
 
 def inlined(svg: str, name: str, title: str) -> str:

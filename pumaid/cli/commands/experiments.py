@@ -1,0 +1,485 @@
+"""``pumaid init``, ``plan``, ``simulate`` and ``demo``: a recipe, what to run, and a robot that runs it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from pumaid.cli import options
+from pumaid.cli.output import (
+    document,
+    notes,
+    progress,
+    remark,
+    say,
+    show,
+    spare_inputs,
+    write_picture,
+    write_result,
+)
+from pumaid.errors import ResultError, Where, listed, meant
+
+if TYPE_CHECKING:
+    from pumaid.robot import Robot
+    from pumaid.simulation import Truth
+    from pumaid.trajectory import Plan
+
+# init
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--list", "is_list", is_flag=True, help="List the robots that pumaid knows.")
+@click.option("--joints", type=click.IntRange(1, 50), metavar="N", help="Joints of a blank recipe.  [default: 6]")
+@click.option(
+    "--urdf", type=options.FILE_OR_PIPE, metavar="FILE", help="Take the joints of this URDF as they are placed."
+)
+@click.option(
+    "--base", metavar="LINK", help="Where the arm starts in the URDF.  [default: the link that nothing carries]"
+)
+@click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: where it splits]")
+@options.force_option
+@options.output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
+@options.json_option
+def init(
+    *,
+    name: str | None,
+    is_list: bool,
+    joints: int | None,
+    urdf: Path | None,
+    base: str | None,
+    tip: str | None,
+    force: bool,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Write a recipe to start from: a robot that pumaid knows, one described by a URDF, or a blank one to fill in.
+
+    NAME is a robot's name from --list, or blank.
+
+    \b
+    Example:
+      pumaid init --list
+      pumaid init ur5e -o my_arm/recipe.yaml
+      pumaid init --urdf my_arm.urdf --tip tool0 -o my_arm/recipe.yaml
+      pumaid init blank --joints 4
+    """
+    from pumaid.io.recipe import read_recipe
+    from pumaid.io.urdf import recipe_from_urdf
+    from pumaid.reporting.run_tables import axes_table
+
+    if is_list:
+        _list_robots(as_json)
+        return
+    if any(value is not None for value in ((base, tip) if urdf is None else (name, joints))):
+        raise click.UsageError(
+            "NAME and --joints go without --urdf FILE, --base and --tip with it: these are two recipes."
+        )
+    target = output or Path("recipe.yaml")
+    path = target / "recipe.yaml" if target.is_dir() else target
+    text = _recipe_text(name, joints) if urdf is None else ""
+    spare_inputs([path], [urdf], new=() if force else (path,))
+    facts: dict[str, Any] = {}
+    if urdf is not None:
+        made = recipe_from_urdf(urdf, base=base, tip=tip)
+        text = made.text
+        facts["urdf"] = {"file": made.urdf.file, "base": made.base, "tip": made.tip}
+        notes(made.notes)
+    if str(path) == "-":
+        document(facts | {"text": text}, "recipe") if as_json else write_result(path, text.rstrip() + "\n")
+        return
+    write_result(path, text)
+    robot = read_recipe(path)
+    if as_json:
+        facts |= {"file": str(path), "robot": robot.name, "joints": robot.n_joints, "sha256": robot.digest}
+        document(facts, "recipe")
+        return
+    if urdf is not None:
+        show(axes_table(robot))
+    remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then: pumaid plan {path}")
+
+
+def _recipe_text(name: str | None, joints: int | None) -> str:
+    from pumaid.io.recipe import blank, shipped_recipes, started_from
+
+    names = [*shipped_recipes(), "blank"]
+    if name not in names:
+        raise click.UsageError(
+            f"There is no robot {name}: {meant(name, names)}"
+            if name
+            else f"Which one? {listed(names)}; or --urdf FILE."
+        )
+    if name != "blank" and joints is not None:
+        raise click.UsageError(f"--joints is for a blank recipe; {name} has its own.")
+    return blank(joints or 6) if name == "blank" else started_from(name)
+
+
+def _list_robots(as_json: bool) -> None:
+    from pumaid.io.recipe import read_recipe, shipped_recipes
+    from pumaid.reporting.table import Table
+
+    robots = {name: read_recipe(path) for name, path in shipped_recipes().items()}
+    rows = [{"name": name, "robot": robot.name, "joints": robot.n_joints} for name, robot in robots.items()]
+    if as_json:
+        document({"recipes": rows}, "recipes")
+        return
+    lines = [[str(value) for value in row.values()] for row in rows]
+    lines.append(["blank", "to fill in, any number of joints", "--joints N"])
+    show(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))
+
+
+# plan
+
+#: Notes that ask for attention where a given plan is checked.
+ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
+#: Options that shape a whole plan.
+SHAPES = ("minutes", "speeds", "postures", "replicates")
+#: Option -> the one without which it means nothing.
+NEEDS = {"against": "for", "size": "for", "logs": "for"}
+#: Two options, the second one of several, that do not go together, and why.
+EXCLUDES = (
+    ("check", ("for",), "--check looks at a plan; --for makes one"),
+    ("check", SHAPES, "--check looks at a plan; it has its time, speeds and passes"),
+    ("logs", SHAPES, "--for with --logs adds runs; options of a whole plan have no use"),
+    ("for", ("payload",), "--for plans for the bare arm"),
+)
+
+
+@click.command()
+@click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
+@click.option("--minutes", type=float, metavar="M", help="Robot time, moves included.")
+@click.option(
+    "--speeds",
+    callback=options.separated(click.FLOAT),
+    metavar="S,S,S",
+    help="Shares of each joint's top speed, 3 or more.",
+)
+@click.option("--postures", type=int, metavar="N", help="Postures a joint, at least. [default: 4]")
+@click.option("--replicates", type=int, metavar="N", help="Passes over the arm. [default: 2 or more]")
+@click.option("--prior", type=options.FILE, metavar="MODEL", help="Plan for the arm that this model describes.")
+@click.option(
+    "--payload",
+    callback=options.separated(click.FLOAT, 4),
+    metavar="KG,X,Y,Z",
+    help="The last link carries KG at X,Y,Z (m).",
+)
+@click.option("--for", metavar="EFFECT", help="Runs that show EFFECT[@JOINT].")
+@click.option("--against", metavar="EFFECT", help="With --for: runs that tell it from this.")
+@click.option("--size", type=float, metavar="A", help="With --for: its first parameter, SI.")
+@click.option("--logs", type=options.LOGS, multiple=True, metavar="LOGS", help="With --for: what was run already.")
+@click.option("--check", type=options.FILE, metavar="PLAN", help="What PLAN promises; exit code 1 if it lacks any.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["yaml", "csv", "urscript", "ros2"]),
+    default="yaml",
+    metavar="FORM",
+    help="yaml, csv, urscript or ros2.",
+)
+@options.picture_option
+@options.force_option
+@options.output_option("The plan to write, or -. [default: plan.yaml]")
+@options.seed_option
+@options.json_option
+def plan(
+    *,
+    recipe: Path | None,
+    form: str,
+    picture: Path | None,
+    force: bool,
+    output: Path | None,
+    as_json: bool,
+    **asked: Any,
+) -> bool:
+    """Plan the runs that tell most of an arm in the time that it has.
+
+    With --for: runs that show one effect or tell it from a rival. With --check: what a plan promises and lacks. RECIPE
+    is a file or the name of a shipped one; else recipe.yaml here.
+
+    \b
+    Example:
+      pumaid plan recipe.yaml --minutes 30 --prior results/model.json
+      pumaid plan --for stribeck@3 --against viscous_power --logs logs/
+      pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
+      pumaid plan --check plan.yaml --format urscript -o plan.script
+    """
+    from pumaid.design.robot_programs import PROGRAMS
+    from pumaid.experiment import Experiment
+    from pumaid.io.plan_file import PLAN_NAME, plan_document, plan_text
+    from pumaid.reporting.figures.experiment import posture_figure
+    from pumaid.reporting.run_tables import plan_tables
+    from pumaid.trajectory import Plan
+
+    _refuse_contradictions(asked)
+    given = asked["check"]
+    if given is not None and recipe is None:
+        recipe = Experiment((str(given),)).recipe_path  # a plan lies beside its recipe
+    experiment = Experiment(recipe=recipe)
+    robot, path = experiment.robot, output
+    suffix, text_of = PROGRAMS.get(form) or (f".{form}", partial(plan_text, format=form))
+    if given is None:
+        text_of(Plan(robot.name, ()), robot)  # an arm that the form cannot move is refused before the work
+        path = output or (experiment.folder / PLAN_NAME).with_suffix(suffix)
+    read = replace(experiment, logs=asked["logs"]).files(asked["prior"], given)
+    inputs = [file for file in read if file.name != PLAN_NAME or file == given]
+    spare_inputs([path, picture], inputs, new=() if force else (path,))
+    with progress("planning") as step:
+        made = _plan(robot, recipe, options=asked, tell=lambda text: step(0.0, text))
+    is_piped = str(path) == "-"
+    if path is not None and not is_piped:
+        write_result(path, text_of(made, robot), "plan")
+    if picture is not None:
+        write_picture(picture, posture_figure(made, robot))
+    notes(made.notes)
+    if as_json:
+        document(plan_document(made, robot))
+    elif is_piped:
+        write_result(Path("-"), text_of(made, robot).rstrip("\n") + "\n")
+    else:
+        show(*plan_tables(made, robot))
+    return given is not None and any(note.slug in ATTENTION for note in made.notes)
+
+
+def _refuse_contradictions(options: dict[str, Any]) -> None:
+    """Refuse options (name -> value) of which one needs another that is missing, or that do not go together."""
+    given = {name for name, value in options.items() if value not in (None, ())}
+    wrong = [f"--{name} goes with --{other}" for name, other in NEEDS.items() if name in given and other not in given]
+    wrong += [reason for name, rivals, reason in EXCLUDES if name in given and given & set(rivals)]
+    if given >= {"size", "against", "logs"}:
+        wrong.append("--size goes without --logs where there is a rival: in logs an effect has the size that it has")
+    if wrong:
+        raise click.UsageError(wrong[0])
+
+
+def _plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
+    """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
+    from pumaid.design import plan as design
+    from pumaid.diagnosis.discrimination import plan_for_effect
+    from pumaid.experiment import Experiment
+    from pumaid.io.plan_file import read_plan
+    from pumaid.robot import read_choice
+
+    given = None if options["check"] is None else read_plan(options["check"], robot)
+    prior = None if options["prior"] is None else Experiment(recipe=recipe).model(options["prior"])
+    shared: dict[str, Any] = {"prior": prior, "seed": options["seed"], "tell": tell}
+    if given is not None:
+        return design.check_plan(robot, given, payload=options["payload"], **shared)
+
+    shapes = {name: options[name] for name in ("minutes", "speeds", "replicates", "payload")}
+    whole = partial(design.plan, robot, postures_per_joint=options["postures"], **shapes, **shared)
+    if options["for"] is None:
+        return whole()
+    beside, logs = Experiment(recipe=recipe).recipe_path, options["logs"]
+    return plan_for_effect(
+        robot,
+        read_choice(options["for"], robot, "--for"),
+        against=options["against"] and read_choice(options["against"], robot, "--against"),
+        size=options["size"],
+        whole=whole,
+        dataset=Experiment(logs, beside).dataset() if logs else None,
+        **shared,
+    )
+
+
+# simulate
+
+
+@click.command()
+@click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
+@click.option(
+    "--plan", "runs", type=options.FILE_OR_PIPE, metavar="FILE", help="The plan; else plan.yaml beside the recipe."
+)
+@options.output_option("Folder of the logs, else logs beside the recipe; - for one CSV on standard output.")
+@click.option(
+    "--truth", type=options.FILE, metavar="FILE", help="A truth.json, or table1 (the paper's PUMA); else drawn."
+)
+@click.option(
+    "--hide", multiple=True, metavar="EFFECT[@JOINT]", help="It has stribeck@3:a=0.2,velocity=0.1; repeatable."
+)
+@options.effects_option
+@click.option("--rate", type=float, default=250.0, metavar="HZ", help="Samples a second.")
+@click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
+@click.option(
+    "--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", help="Form of the log files."
+)
+@click.option("--no-velocity", is_flag=True, help="Leave velocities out of the logs.")
+@click.option("--temperature", "has_temperature", is_flag=True, help="Write the motors' temperatures, too.")
+@click.option(
+    "--runs-per-file", type=click.IntRange(min=1), default=40, metavar="N", help="Planned runs in one log file."
+)
+@options.force_option
+@options.seed_option
+@options.json_option
+def simulate(
+    *,
+    recipe: Path | None,
+    runs: Path | None,
+    output: Path | None,
+    truth: Path | None,
+    hide: tuple[str, ...],
+    noise: float | None,
+    form: str,
+    no_velocity: bool,
+    force: bool,
+    seed: int,
+    as_json: bool,
+    **logging: Any,
+) -> None:
+    """Let a virtual robot execute a plan in closed loop and write logs as a real one would.
+
+    Its masses, motors, friction and noise are drawn from the seed and written to truth.json in the logs' folder. RECIPE
+    is a file or the name of a shipped one; else recipe.yaml here.
+
+    \b
+    Example:
+      pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
+      pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
+      pumaid simulate -o - | pumaid identify -
+    """
+    from pumaid.experiment import LOGS, Experiment
+    from pumaid.io import plan_file, write
+    from pumaid.reporting.run_tables import session_table
+    from pumaid.results.truth_file import as_json as truth_json
+    from pumaid.simulation import session
+
+    if as_json and str(output) == "-":
+        raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
+    experiment = Experiment(recipe=recipe)
+    folder = output or experiment.folder / LOGS
+    spare_inputs([folder / write.TRUTH_NAME] if str(folder) != "-" else [], [truth])
+    robot = experiment.robot
+    read = plan_file.read_plan(runs or experiment.folder / plan_file.PLAN_NAME, robot)
+    notes(note for note in read.notes if note.slug == "plan-other-robot")
+    virtual = _virtual_robot(robot, truth, hide=hide, noise=noise, seed=seed)
+    logs = session.simulate(robot, read, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
+    with progress("simulating", total=read.duration or None) as step:
+        exact = truth_json(virtual, seed=seed)
+        watch = lambda seconds: step(seconds, f"{seconds:.0f} s of robot time")  # noqa: E731
+        files = write.write_session(folder, logs, robot, form=form, force=force, truth=exact, progress=watch)
+    if str(folder) == "-":
+        return
+    if as_json:
+        entries = [dict(zip(("file", "samples", "start", "end"), entry, strict=True)) for entry in files]
+        document({"robot": robot.name, "seed": seed, "files": entries}, "simulation")
+    else:
+        show(session_table(files))
+    remark(f"logs and truth.json written to {folder}")
+
+
+def _virtual_robot(robot: Robot, truth: Path | None, *, hide: Sequence[str], noise: float | None, seed: int) -> Truth:
+    """The virtual robot of a truth.json or of the paper, else one that is drawn, with what it hides and its noise."""
+    from pumaid.io.write import read_truth
+    from pumaid.results.truth_file import as_json, from_json
+    from pumaid.simulation import draw, hidden_effects, table1
+
+    if truth is None:
+        virtual = draw(robot, seed)
+    else:
+        virtual = from_json(as_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth), robot)
+    virtual = virtual.hiding([hidden_effects.parse(text, robot) for text in hide]) if hide else virtual
+    if noise is not None and not math.isfinite(noise):
+        raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
+    return virtual if noise is None else virtual.with_noise(noise)
+
+
+# demo
+
+#: The robot's minutes a joint and Hz of its log: enough to find an effect, little enough for a minute of the user's.
+MINUTES, RATE = 20 / 6, 50
+#: Effects that are hidden by turns; any joint can have them.
+KINDS = ("stribeck", "ripple", "friction_step", "position_friction", "warmup")
+
+
+@click.command()
+@click.argument("folder", type=options.FILE, default=Path("pumaid_demo"), metavar="[FOLDER]")
+@click.option("--robot", default="puma560", metavar="NAME", help="The arm; pumaid init lists them.")
+@options.seed_option
+@options.json_option
+def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
+    """Tell the whole story on a virtual arm that hides a physical effect, in under a minute.
+
+    Makes an experiment in FOLDER (pumaid_demo where not given), runs the commands that a user would type there, and
+    shows what they print. The effect and its joint follow from the seed; no command but simulate is told. At the end
+    stands what was hidden, and what diagnosis named.
+
+    \b
+    Example:
+      pumaid demo
+      pumaid demo my_demo --seed 7
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        what = f"{folder} is there already and is not empty"
+        raise ResultError("file-exists", what, Where(file=str(folder)), "name another folder: pumaid demo FOLDER")
+    steps: list[dict[str, Any]] = []
+    with progress("demo") as step:
+        for done in _story(folder, robot=robot, seed=seed):
+            steps.append(done)
+            step(len(steps), done["command"])
+            if not as_json:
+                say(f"$ {done['command']}\n{done['told']}")
+    hidden, named = _outcome(folder)
+    if as_json:
+        document({"folder": str(folder), "seed": seed, "steps": steps, "hidden": hidden, "named": named}, "demo")
+    else:
+        say(f"What was hidden: {hidden}. What diagnosis named: {', '.join(named) or 'nothing'}.")
+
+
+def _story(folder: Path, *, robot: str, seed: int) -> Iterator[dict[str, Any]]:
+    """Run the commands in a new experiment one after the other.
+
+    `robot` is the name of a shipped recipe, `seed` that of the plan, of the robot and of its secret. No command opens
+    ``logs/truth.json``, in which the secret lies.
+    """
+    from pumaid.io.recipe import read_recipe
+
+    recipe, logs, model = (str(folder / name) for name in ("recipe.yaml", "logs", "results/model.json"))
+    yield run("init", robot, "-o", recipe)
+    joints, numbered = read_recipe(Path(recipe)).n_joints, ["--seed", str(seed)]
+    secret = f"{KINDS[seed % len(KINDS)]}@{1 + seed * 7 // len(KINDS) % joints}"
+    yield run("plan", recipe, "--minutes", str(round(MINUTES * joints)), *numbered)
+    yield run("simulate", recipe, "--hide", secret, *numbered, "--rate", str(RATE))
+    yield run("identify", logs)
+    yield run("compare", model, logs)
+    yield run("diagnose", model, logs, "--apply")
+    yield run("report", model, logs, "--format=")
+
+
+def run(*words: str) -> dict[str, Any]:
+    """Run ``pumaid`` with some words, in this process: the line, and what it printed.
+
+    ResultError [step-failed] where it fails.
+    """
+    from pumaid.cli import EXIT_INTERRUPTED, group
+
+    line = shlex.join(["pumaid", *words])
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = group.main([*words], prog_name="pumaid", standalone_mode=False)
+    if code == EXIT_INTERRUPTED:
+        raise KeyboardInterrupt
+    remarks = err.getvalue().strip()
+    if code:
+        raise ResultError("step-failed", f"'{line}' left with exit code {code}: {remarks}", mend="mend what it says")
+    return {"command": line, "told": out.getvalue() or f"{remarks.splitlines()[-1]}\n"}
+
+
+def _outcome(folder: Path) -> tuple[str, list[str]]:
+    """What a demo's robot hides, such as ``stribeck@3``, and what diagnosis named, with what it cannot tell from it."""
+    from pumaid.diagnosis.records import ADD, read_diagnosis
+    from pumaid.io.write import read_truth
+
+    (secret,) = read_truth(folder / "logs" / "truth.json")["hidden"]
+    diagnosis, named = read_diagnosis(folder / "results" / "diagnosis.json"), []
+    for finding in (*diagnosis.applied, *diagnosis.findings):
+        rivals = f" (or {', '.join(finding.rivals)})" if finding.rivals else ""
+        named += [f"{finding.effect}@{finding.joint or 'all'}{rivals}"] if finding.verdict == ADD else []
+    return f"{secret['effect']}@{secret['joint']}", named

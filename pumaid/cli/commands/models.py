@@ -1,0 +1,329 @@
+"""``pumaid segment``, ``identify``, ``compare`` and ``diagnose``: from logs to a model, and what it lacks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from pumaid.cli import options
+from pumaid.cli.output import (
+    document,
+    effect_files,
+    notes,
+    progress,
+    remark,
+    show,
+    spare_inputs,
+    write_picture,
+    write_result,
+)
+
+if TYPE_CHECKING:
+    from pumaid.diagnosis.records import Diagnosis
+    from pumaid.estimate import Estimate
+    from pumaid.experiment import Experiment
+    from pumaid.robot import Robot
+
+#: What a threshold of `segment` may be.
+_SHARE = click.FloatRange(0.0, 1.0, min_open=True, max_open=True)
+_POSITIVE = click.FloatRange(0.0, min_open=True)
+
+
+@click.command()
+@options.logs_argument
+@click.option(
+    "--kinds",
+    type=click.Choice(["both", "constant", "stroke", "block"]),
+    metavar="KIND",
+    default="both",
+    help="both, constant (speed), stroke (rest to rest) or block (any motion).",
+)
+@click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
+@click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")
+@click.option("--speed-tolerance", type=_SHARE, metavar="SHARE", help="Spread of one constant speed. [default: 0.03]")
+@click.option("--held-share", type=_SHARE, metavar="SHARE", help="Speed of a held joint, as share. [default: 0.02]")
+@click.option("--held-drift", type=_POSITIVE, metavar="X", help="Way of a held joint, rad or m. [default: 0.02]")
+@click.option("--rejects", is_flag=True, help="List every stretch that was left out, with its rows and the reason.")
+@options.picture_option
+@click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
+@options.units_option
+@options.experiment_options(has_heldout=False, has_results=False)
+@options.json_option
+def segment(
+    *,
+    experiment: Experiment,
+    rejects: bool,
+    picture: Path | None,
+    as_csv: bool,
+    units: str,
+    as_json: bool,
+    **thresholds: Any,
+) -> None:
+    """Find the runs in logs: one joint alone, at constant speed or from rest to rest.
+
+    Prints each run, what the runs of each joint amount to, and why the rest was left out.
+
+    \b
+    Example:
+      pumaid segment logs/
+      pumaid segment logs/ --units deg --picture runs.png
+      pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
+    """
+    from pumaid.preprocessing.binning import SegmentOptions
+    from pumaid.reporting import documents, run_tables
+
+    if as_json and as_csv:
+        raise click.UsageError("--json and --csv both want standard output; give one of them")
+    spare_inputs([picture], experiment.files() if picture else [])
+    chosen = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
+    robot, dataset = experiment.robot, experiment.dataset(options=chosen)
+    notes(dataset.notes)
+    if picture is not None:
+        from pumaid.reporting.figures.experiment import run_figure
+
+        write_picture(picture, run_figure(dataset, robot, units))
+    if as_json:
+        digests = {facts.name: facts.digest for facts in dataset.files}
+        document(documents.segments_document(dataset, robot), "segments", robot=robot, logs=digests)
+    elif as_csv:
+        write_result(Path("-"), documents.frame_as(documents.runs_frame(dataset.runs, robot), "csv"))
+    else:
+        show(
+            run_tables.run_table(dataset, robot, units=units),
+            run_tables.runs_by_joint_table(dataset, robot, units=units),
+            run_tables.rejection_table(dataset, is_whole=rejects),
+        )
+
+
+@click.command()
+@options.logs_argument
+@click.option(
+    "--add",
+    multiple=True,
+    metavar="EFFECT[@JOINT]",
+    help="Physics to add: stribeck@3, ripple@2:frequency=58; repeatable.",
+)
+@click.option(
+    "--remove", multiple=True, metavar="EFFECT[@JOINT]", help="Leave out an effect of the recipe, or all; repeatable."
+)
+@options.effects_option
+@click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
+@options.output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
+@click.option(
+    "--motion",
+    type=click.Choice(["any", "constant"]),
+    default="any",
+    show_default=True,
+    help="What is fitted: all motion, or constant speed alone.",
+)
+@options.units_option
+@options.experiment_options()
+@options.json_option
+def identify(
+    *,
+    experiment: Experiment,
+    add: tuple[str, ...],
+    remove: tuple[str, ...],
+    recursive: bool,
+    output: Path | None,
+    motion: str,
+    units: str,
+    as_json: bool,
+) -> None:
+    """Identify gravity, inertia, friction and gain ratios from logged currents.
+
+    Finds what can be fitted in the logs (runs at constant speed, strokes, blocks of any motion), solves the joints from
+    the tip to the base, refines all of them together by maximum likelihood, prints the parameter table and writes the
+    model. Effects that are added are fitted together with all the rest, their nonlinear parameters too.
+
+    \b
+    Example:
+      pumaid identify logs/
+      pumaid identify logs/ --units deg -o results/first.json
+      pumaid identify logs/ --add stribeck@3 --add ripple@elbow:frequency=58
+      pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
+      pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
+    """
+    from pumaid.cli.additions import identified
+    from pumaid.dataset import CONSTANT
+    from pumaid.effect_spec import chosen_by
+    from pumaid.reporting.tables import combination_table, parameter_table
+    from pumaid.results import documents, history
+
+    spare_inputs([output], experiment.files() if output else [])
+    robot = experiment.robot
+    effects = chosen_by(robot, add=add, remove=remove)
+    dataset = experiment.dataset()
+    if motion == CONSTANT:
+        dataset = replace(dataset, runs=tuple(run for run in dataset.runs if run.kind == CONSTANT))
+    estimate = identified(dataset, robot, effects=effects, recursive=recursive)
+    notes(dict.fromkeys((*dataset.notes, *estimate.notes)))
+    path = output or experiment.results_folder / "model.json"
+    if output is None:
+        history.keep(path, estimate)
+    elif str(output) != "-":
+        documents.write_model(path, estimate)
+    if as_json or str(output) == "-":
+        document(documents.model_document(estimate))
+    else:
+        sums = combination_table(estimate)
+        show(parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3]))
+    if str(output) != "-":
+        remark(f"model written to {path}")
+
+
+@click.command()
+@click.option("--worst", type=click.IntRange(min=0), default=5, help="How many runs to list.")
+@options.model_on_logs
+def compare(
+    *,
+    model: Path,
+    experiment: Experiment,
+    worst: int,
+    picture: Path | None,
+    units: str,
+    as_json: bool,
+    check: bool,
+) -> bool:
+    """Hold a model against logs, also ones that it never saw, and see where it fails.
+
+    \b
+    Example:
+      pumaid compare results/model.json logs/
+      pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
+      pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
+    """
+    from pumaid.diagnosis.compare import compare
+    from pumaid.reporting import documents, tables, text
+
+    spare_inputs([picture], experiment.files(model) if picture else [])
+    estimate, robot, dataset = experiment.model(model), experiment.robot, experiment.dataset()
+    comparison = compare(estimate, dataset, robot)
+    notes((*estimate.notes, *comparison.notes))
+    if picture is not None and comparison.runs:
+        from pumaid.reporting.figures.model import residual_figure
+        from pumaid.reporting.page import ReportContext
+
+        context = ReportContext(robot, estimate, dataset, comparison, units)
+        write_picture(picture, residual_figure(context, context.moving()))
+    elif picture is not None:
+        remark(f"no run was found, so there is no misfit to draw: {picture} is not written")
+    if as_json:
+        document(documents.comparison_document(comparison), "comparison", robot=robot, logs=comparison.logs)
+    else:
+        count = min(worst, len(comparison.runs))
+        worst_runs = tables.worst_runs_table(comparison, robot, count=count, units=units) if count else None
+        show(tables.comparison_table(comparison, robot), tables.budget_table(comparison, robot), worst_runs)
+    return check and any(text.is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints)
+
+
+@click.command()
+@click.option("--suspect", multiple=True, metavar="COLUMN", help="A column that may be the cause.")
+@click.option("--apply", "is_applied", is_flag=True, help="Add what is found, refit, repeat.")
+@click.option("--plan", type=options.FILE, metavar="FILE", help="Write the runs that would decide.")
+@options.force_option
+@options.output_option("The diagnosis as JSON; - for standard output. Default: diagnosis.json in the results folder.")
+@options.results_option
+@options.model_on_logs
+def diagnose(
+    *,
+    model: Path,
+    experiment: Experiment,
+    suspect: tuple[str, ...],
+    is_applied: bool,
+    plan: Path | None,
+    force: bool,
+    output: Path | None,
+    picture: Path | None,
+    units: str,
+    as_json: bool,
+    check: bool,
+) -> bool:
+    """Learn which physical effect a model lacks, how sure that is, and what adding it would bring.
+
+    Tries every effect of the catalogue at every joint: which is missing, which others these data cannot tell from it,
+    the runs that would, and the command that adds it. With --apply each step is kept; pumaid history undoes them.
+
+    \b
+    Example:
+      pumaid diagnose results/model.json logs/
+      pumaid diagnose results/model.json logs/ --apply --picture missing.png
+      pumaid diagnose results/model.json logs/ --plan next.yaml --suspect supply_voltage
+      pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
+    """
+    from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
+    from pumaid.reporting.tables import diagnosis_parts, history_table
+    from pumaid.results.history import ladder_of
+
+    is_quiet, is_written = as_json or str(output) == "-", str(output) != "-"
+    folder, places = experiment.results_folder, [output, plan, picture]
+    current = folder / "model.json" if is_applied else None
+    path = output or folder / DIAGNOSIS_NAME
+    inputs = experiment.files(model, current) if any(places) else []
+    spare_inputs(places, inputs, new=() if force else (plan,))
+    diagnosis = _diagnosis(model, experiment, suspect, current=current, is_quiet=is_quiet)
+    robot = experiment.robot
+    if is_written:
+        write_diagnosis(path, diagnosis)
+    if is_quiet:
+        document(diagnosis_document(diagnosis))
+    else:
+        steps = ladder_of(current) if current is not None and diagnosis.applied else None
+        show(["", history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units))
+    if is_written:
+        remark(f"diagnosis written to {path}")
+    if picture is not None:
+        from pumaid.reporting.figures.model import diagnosis_figure  # waits for matplotlib
+
+        drawing = diagnosis_figure(diagnosis, robot, units)
+        if drawing is not None:
+            write_picture(picture, drawing)
+        else:
+            remark(f"nothing was found that could be drawn: {picture} is not written")
+    if plan is not None:
+        _write_plan(plan, diagnosis, robot)
+    is_missing = bool(diagnosis.findings) or any(joint.verdict != "adequate" for joint in diagnosis.joints)
+    return check and is_missing
+
+
+def _diagnosis(
+    model: Path, experiment: Experiment, suspects: tuple[str, ...], *, current: Path | None, is_quiet: bool
+) -> Diagnosis:
+    """The diagnosis, with what it finds added to the file `current` if there is one, and what was found earlier."""
+    from pumaid.cli.additions import added, with_commands, with_earlier
+    from pumaid.diagnosis.diagnose import diagnose
+    from pumaid.experiment import check_logs
+    from pumaid.reporting.table import Paragraph
+
+    estimate, robot = experiment.model(model), experiment.robot
+    dataset = experiment.dataset(extra=suspects)
+    check_logs(estimate, dataset, trust=experiment.trust)
+
+    def again(model: Estimate) -> Diagnosis:
+        with progress("diagnosing") as step:
+            diagnosis = diagnose(model, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
+        return with_commands(diagnosis, model, robot, experiment=experiment, effects=effect_files())
+
+    diagnosis = again(estimate)
+    if current is not None:
+        tell = remark if is_quiet else lambda text: show(Paragraph(text))
+        diagnosis, estimate = added(diagnosis, estimate, dataset, robot=robot, model=current, again=again, tell=tell)
+    notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
+    return with_earlier(diagnosis, estimate, experiment.results_folder)
+
+
+def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
+    """Write the runs that would decide, as often as it takes."""
+    from pumaid.diagnosis.discrimination import plan_of_findings
+    from pumaid.io.plan_file import plan_text
+    from pumaid.reporting.text import plural
+
+    made = plan_of_findings(diagnosis.findings, robot)
+    if not made.motions:
+        remark(f"there is nothing that more runs would decide: {path} is not written")
+        return
+    text = plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml")
+    write_result(path, text, f"plan of {plural(len(made.motions), 'run')}")

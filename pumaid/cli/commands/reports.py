@@ -1,0 +1,326 @@
+"""``pumaid report``, ``history``, ``export``, ``effects`` and ``doctor``: what is known, for people and programs."""
+
+from __future__ import annotations
+
+import os
+import pkgutil
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rich_click as click
+
+from pumaid.cli import options
+from pumaid.cli.output import (
+    document,
+    notes,
+    progress,
+    remark,
+    say,
+    show,
+    spare_inputs,
+    write_picture,
+    write_result,
+)
+from pumaid.errors import ModelError, Note, ResultError, Where, meant
+
+if TYPE_CHECKING:
+    from pumaid.experiment import Experiment
+    from pumaid.exports import Exported
+    from pumaid.reporting.page import ReportContext
+
+#: What only the parameter table is written as, and figures.
+TABLES, FIGURES = ("text", "csv", "parquet", "latex", "markdown", "json"), ("png", "svg", "pdf")
+
+
+@click.command()
+@click.argument("model", type=options.FILE_OR_PIPE, required=False, metavar="[MODEL]")
+@click.argument("logs", type=options.LOGS, nargs=-1, metavar="[LOGS...]")
+@options.effects_option
+@options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
+@click.option(
+    "--table",
+    "form",
+    type=click.Choice(TABLES),
+    metavar="FORM",
+    help=f"Only the parameter table: {', '.join(TABLES)}.",
+)
+@click.option("--figures", type=options.FILE, metavar="FOLDER", help="Figures; default results/figures.")
+@click.option(
+    "--format",
+    "forms",
+    default="png,svg,pdf",
+    callback=options.separated(click.Choice(FIGURES, case_sensitive=False)),
+    help="Of figures; or ''.",
+)
+@options.units_option
+@options.experiment_options()
+@options.json_option
+def report(
+    *,
+    model: Path | None,
+    experiment: Experiment,
+    output: Path | None,
+    form: str | None,
+    figures: Path | None,
+    forms: tuple[str, ...],
+    units: str,
+    as_json: bool,
+) -> None:
+    """Write the report: one self-contained HTML page, the tables and the figures.
+
+    MODEL is results/model.json beside the recipe, LOGS the folder logs/ there, where they are not given.
+
+    \b
+    Example:
+      pumaid report
+      pumaid report results/model.json new_logs/ -o new.html --units deg
+      pumaid report --table latex > table.tex
+      pumaid report --figures paper/ --format pdf
+    """
+    from pumaid.reporting import documents, page
+
+    if as_json and (form is not None or str(output) == "-"):
+        raise click.UsageError("--json tells which files a report wrote; --table and -o - want standard output too.")
+    place = str(model.parent.parent / "logs") if model and str(model) != "-" else "logs"
+    near = replace(experiment, logs=experiment.logs or (place,))
+    source = model or near.folder / "results" / "model.json"
+    experiment = replace(near, logs=experiment.logs or (str(near.folder / "logs"),))
+    spare_inputs([output], experiment.files(source, source.parent / "diagnosis.json"))
+    if form is not None:
+        data = documents.parameters_as(experiment.model(source), experiment.robot, form, units=units)
+        write_result(output or Path("-"), data, "table")
+        return
+    context = _context(source, experiment, units=units)
+    files: list[Path] = []
+    with progress("drawing") as step:
+        for number, (name, data) in enumerate(page.report_files(context, forms)):
+            step(number, name)
+            path = near.results_folder / name
+            path = figures / path.name if figures and name.startswith("figures/") else path
+            files.append(output or path if name == "report.html" else path)
+            write_result(files[-1], data)
+    remark(f"report written to {files[-1]}, with {len(files) - 1} tables and figures")
+    if as_json:
+        document({"files": list(map(str, files))}, "report", robot=context.robot, logs=context.comparison.logs)
+
+
+def _context(source: Path, experiment: Experiment, *, units: str) -> ReportContext:
+    """The model on the logs, the models before it, and the diagnosis beside it unless that cannot be used."""
+    from pumaid.diagnosis import compare, records
+    from pumaid.reporting.page import ReportContext
+    from pumaid.results.history import ladder_of
+
+    estimate = experiment.model(source)
+    robot, dataset = experiment.robot, experiment.dataset()
+    comparison = compare.compare(estimate, dataset, robot)
+    notes((*dataset.notes, *estimate.notes, *comparison.notes))
+    context = ReportContext(robot, estimate, dataset, comparison, units, ladder=ladder_of(source))
+    path = source.parent / records.DIAGNOSIS_NAME
+    if not path.is_file():
+        return context
+    try:
+        diagnosis = records.read_diagnosis(path)
+        if len(diagnosis.joints) != robot.n_joints:
+            raise ResultError("file-damaged", f"{path} is of another arm", Where(file=str(path)))
+    except ResultError as error:
+        notes([Note("file-damaged", f"{error.what}; the page leaves it out", error.where)])
+        return context
+    return replace(context, diagnosis=diagnosis, stale=records.stale(diagnosis, estimate, comparison.logs))
+
+
+@click.command()
+@click.argument("folder", type=options.FILE, default=Path(), metavar="[FOLDER]")
+@options.results_option
+@options.effects_option
+@click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
+@options.picture_option
+@options.json_option
+def history(*, folder: Path, results: Path | None, restore: int | None, picture: Path | None, as_json: bool) -> None:
+    """Tell the error ladder of an experiment: each model, what it added, and the error after.
+
+    FOLDER is the experiment's, or its results; the working folder where not given. Every model that identify and
+    diagnose --apply wrote is kept in results/models. Errors are those of the runs that were fitted and of those that
+    were held out; the noise floor is what repeated runs differ by, which no model can pass.
+
+    \b
+    Example:
+      pumaid history
+      pumaid history my_arm --picture ladder.svg
+      pumaid history --restore 2
+      pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
+    """
+    from pumaid.reporting import documents, tables
+    from pumaid.results import history as archive
+
+    is_results = (folder / "models").is_dir() or folder.name == "results"
+    place = results or (folder if is_results else folder / "results")
+    if restore is not None:
+        remark(f"model {restore} is the current one again: {archive.restore(place, restore)}")
+    models = archive.read_history(place)
+    notes(models.notes)
+    if picture is not None:
+        from pumaid.reporting.figures.model import history_figure
+
+        write_picture(picture, history_figure(models.ladders[0]))
+    if as_json:
+        document(documents.history_document(models), "history")
+    else:
+        first, *incomparable = models.ladders
+        show(tables.history_table(first), tables.history_joint_table(first), *map(tables.history_table, incomparable))
+
+
+#: One file a form; listed, not imported, so that help waits for nothing.
+FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parents[2] / "exports" / "formats")]))
+
+
+@click.command()
+@options.model_argument
+@click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write; see docs/export.md.")
+@options.output_option("The file; - for standard output. Default: named after the robot, beside the model.")
+@click.option("--torque-constants", "constants", metavar="K,K,...", help="N m/A or N/A: of all joints, or JOINT=K,...")
+@options.force_option
+@options.recipe_option
+@options.effects_option
+@options.json_option
+def export(
+    *,
+    model: Path,
+    form: str,
+    output: Path | None,
+    constants: str | None,
+    force: bool,
+    recipe: Path | None,
+    as_json: bool,
+) -> None:
+    """Write a model for other programs: gravity and friction in C, Python, MATLAB or JSON, or as URDF or MJCF.
+
+    What the form does not hold and the data do not tell stands at the head of each file and on standard error.
+
+    \b
+    Example:
+      pumaid export results/model.json --format c -o puma
+      pumaid export results/model.json --format python -o arm.py
+      pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
+    """
+    from pumaid import exports
+    from pumaid.experiment import Experiment
+    from pumaid.exports.equivalent_bodies import read_constants
+
+    to_pipe = output is not None and str(output) == "-"
+    if constants is not None and not exports.every_form()[form].has_bodies:
+        raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
+    if to_pipe and (form == "c" or as_json):
+        raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
+    experiment = Experiment((str(model),), recipe)
+    estimate, robot = experiment.model(model), experiment.robot
+    name = "" if output is None or to_pipe or output.is_dir() else output.stem
+    torques = None if constants is None else read_constants(constants, robot.n_joints)
+    exported = exports.export(estimate, robot, form=form, name=name, torque_constants=torques)
+    if to_pipe:
+        write_result(Path("-"), "".join(exported.files.values()).rstrip("\n") + "\n")
+    else:
+        files = _places(exported, output, home=Path() if str(model) == "-" else model.parent)
+        spare_inputs(files, experiment.files(model), new=() if force else files)
+        for path, text in files.items():
+            write_result(path, text)
+        remark(f"written: {', '.join(map(str, files))}")
+        if as_json:
+            facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}
+            facts |= {name: getattr(exported, name) for name in ("left_out", "undetermined", "remarks")}
+            document(facts, "export", robot=robot, logs=estimate.logs)
+    lacks = [("left out", lack) for lack in exported.left_out]
+    lacks += [("not determined by the data", lack) for lack in exported.undetermined]
+    for text in (*exported.remarks, *(f"{what}: {lack.name}: {lack.reason}" for what, lack in lacks)):
+        remark(text)
+
+
+def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
+    """Where each file goes."""
+    if output is None or output.is_dir():
+        bare = (output or home) / exported.name
+    elif len(exported.files) == 1:
+        return {output: next(iter(exported.files.values()))}
+    else:
+        bare = output.with_suffix("") if output.suffix in exported.files else output
+    return {bare.with_name(bare.name + suffix): text for suffix, text in exported.files.items()}
+
+
+@click.command()
+@click.argument("name", required=False)
+@options.effects_option
+@options.json_option
+def effects(*, name: str | None, as_json: bool) -> None:
+    """The physics that pumaid knows: all effects, or one explained.
+
+    Explaining one prints its law, parameters, signature and look-alikes, and the command that adds it.
+
+    \b
+    Example:
+      pumaid effects
+      pumaid effects stribeck
+      pumaid effects --json | jq '.effects[].equation'
+    """
+    from pumaid.effect_spec import OWN
+    from pumaid.effects import catalogue
+    from pumaid.reporting.effects import effect_parts, effects_table, facts
+
+    listing = catalogue()
+    if name is not None and name not in listing:
+        raise ModelError("unknown-effect", f"there is no effect '{name}'", mend=f"{meant(name, list(listing))}; {OWN}")
+    chosen = [facts(effect) for effect in (listing.values() if name is None else [listing[name]])]
+    if as_json:
+        document({"effects": chosen}, "effects")
+    elif name is None:
+        show(effects_table(chosen))
+    else:
+        show(*effect_parts(listing[name]))
+
+
+#: What pumaid's numbers depend on, and what only some commands need.
+LIBRARIES = (
+    *("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "click", "rich-click", "rich"),
+    *("mujoco", "distributed", "fsspec"),
+)
+
+
+@click.command()
+@options.json_option
+def doctor(*, as_json: bool) -> None:
+    """Versions, platform and settings: paste them into a bug report.
+
+    Whether an installation works is told by: pumaid demo --robot pendulum2 --seed 1
+
+    \b
+    Example:
+      pumaid doctor
+    """
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    from pumaid import __version__
+    from pumaid.effects import catalogue
+    from pumaid.io.recipe import shipped_recipes
+
+    installed = dict.fromkeys(LIBRARIES, "-")
+    for name in installed:
+        with suppress(PackageNotFoundError):
+            installed[name] = version(name)
+    facts: dict[str, object] = {
+        "pumaid": __version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "libraries": installed,
+        "effects": list(catalogue()),
+        "recipes": list(shipped_recipes()),
+        "processors": os.cpu_count(),
+        "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},
+    }
+    if as_json:
+        document(facts, "doctor")
+        return
+    for name, value in facts.items():
+        entries = [f"{key} {entry}" for key, entry in value.items()] if isinstance(value, dict) else value
+        say(f"{name:10} {', '.join(entries) if isinstance(entries, list) else entries}")
