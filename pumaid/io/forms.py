@@ -5,9 +5,10 @@ import re
 import reprlib
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -30,6 +31,8 @@ _MEND = (
 )
 
 KeyPath = tuple[str | int, ...]
+#: Path of a fault, sentence, mend.
+Fault = tuple[KeyPath, str, str]
 Form = TypeVar("Form", bound=BaseModel)
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -53,14 +56,6 @@ class FileUnits(StrictForm):
     """The block `units` of a recipe or plan."""
 
     angle: Literal["rad", "deg"] = "rad"
-
-
-class Fault(NamedTuple):
-    """One fault: path of keys and 0-based indices, sentence, mend."""
-
-    path: KeyPath
-    what: str
-    mend: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +101,12 @@ def read_bytes(path: Path, *, kind: type[PumaidError], most: int) -> bytes:
     """
     name = file_name(path)
     try:
-        if str(path) == "-":
-            content = sys.stdin.buffer.read(most + 1)
-        else:
-            with Path(path).open("rb") as file:
-                content = file.read(most + 1)
+        with nullcontext(sys.stdin.buffer) if str(path) == "-" else Path(path).open("rb") as file:
+            content = file.read(most + 1)
     except (OSError, ValueError) as error:
-        reason, mend = getattr(error, "strerror", None) or str(error), "check the path and its permissions"
-        raise kind("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error
+        what = f"{name} cannot be read: {getattr(error, 'strerror', None) or error}"
+        mend = "check the path and its permissions"
+        raise kind("file-not-readable", what, Where(file=name), mend) from error
     if len(content) > most:
         what = f"{name} has more than {most} bytes, which no such file has"
         raise kind("file-not-readable", what, Where(file=name), "is this a log?")
@@ -183,15 +176,14 @@ def validated(
         faults = [_fault(dict(entry), form) for entry in error.errors(include_url=False)]
     if not faults:
         return out
-    alike = [fault for fault in faults if fault.mend == once]
-    slips = {(fault.path[:-1], fault.mend) for fault in faults}
+    alike = [fault for fault in faults if fault[2] == once]
+    slips = {(path[:-1], mend) for path, _, mend in faults}
     errors = []
-    for fault in faults:
-        path, what = fault.path, fault.what
+    for path, what, mend in faults:
         is_slip = what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips
-        if not is_slip and fault not in alike[1:]:
+        if not is_slip and (path, what, mend) not in alike[1:]:
             where = Where(file=document.file, line=document.line_of(path), field=dotted(path) or None)
-            errors.append(document.kind(slug, what, where, fault.mend))
+            errors.append(document.kind(slug, what, where, mend))
     errors.sort(key=lambda error: error.where.line or 0)
     if len(errors) > MOST_FAULTS:
         last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS
@@ -211,23 +203,23 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
     path: KeyPath = tuple(step for step in entry["loc"] if step != "[key]")
     kind, context = entry["type"], entry.get("ctx", {})
     if kind == "pumaid":
-        return Fault(path, context["what"], context["mend"])
+        return path, context["what"], context["mend"]
     steps = path
     while isinstance(steps[-1], int):  # an entry of a list looks like what the list shows
         steps = steps[:-1]
     fields, key = _fields(form, steps[:-1]), str(steps[-1])
     if kind == "extra_forbidden":
-        return Fault(path, f"there is no key {key[:60]}", meant(key, list(fields)))
+        return path, f"there is no key {key[:60]}", meant(key, list(fields))
     example = next(iter((fields[key].examples if key in fields else None) or []), "")
     if kind == "missing":
         what = f"the key {key} is missing" if steps == path else f"{dotted(steps)} has too few values"
-        return Fault(steps, what, f"add {key}: {example or '...'}")
+        return steps, what, f"add {key}: {example or '...'}"
     shown = _SHOWN.repr(entry["input"])[:80]
     message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
     mend = f"write {example or message.removeprefix('it should be ')}"
     if kind == "literal_error":
         mend = meant(shown.strip("'"), context["expected"].replace("'", "").split(" or "))
-    return Fault(path, f"{dotted(path)} is {shown}: {message}", mend)
+    return path, f"{dotted(path)} is {shown}: {message}", mend
 
 
 def _fields(form: Any, path: KeyPath) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
     for path, entry in entries:
         if not 1 <= entry.joint <= robot.n_joints or len(entry.hold) != robot.n_joints:
             what = f"joint {entry.joint} and {len(entry.hold)} held positions; {robot.name} has {robot.n_joints} joints"
-            yield Fault(path, what, f"joints count from 1 to {robot.n_joints}; is the plan for another robot?")
+            yield (path, what, f"joints count from 1 to {robot.n_joints}; is the plan for another robot?")
             continue
         moving = robot.joint(entry.joint)
         places = [("hold", joint, value) for joint, value in zip(robot.joints, entry.hold, strict=True)]
@@ -98,7 +98,7 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
             places += [("from", moving, entry.start), ("to", moving, entry.end), ("velocity", moving, entry.velocity)]
             if entry.start == entry.end:
                 what = f"the run goes from {entry.start:g} to the same place"
-                yield Fault((*path, "to"), what, "give the span another end")
+                yield ((*path, "to"), what, "give the span another end")
         for key, joint, value in places:
             unit, scale = units[joint.number - 1]
             speeds = None if joint.max_velocity is None else (0.0, joint.max_velocity)
@@ -108,7 +108,7 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
             if not low - slack <= value <= high + slack:
                 what = f"{key} of {value:g} is not within joint {joint.number}'s {number(low)}..{number(high)} {unit}"
                 what += "/s" * (key == "velocity")
-                yield Fault((*path, key), what, "stay inside the limits, or correct them in the recipe")
+                yield ((*path, key), what, "stay inside the limits, or correct them in the recipe")
 
 
 def find_plan(folders: Iterable[Path]) -> Path | None:

@@ -49,7 +49,6 @@ SIZES = {
     ("max_velocity", True): (1e-9, 20.0, "prismatic joints are in m/s; divide by 1000"),
 }
 
-_PI = re.compile(r"\s*([+-]?)\s*(?:(\d+(?:\.\d*)?)\s*\*?\s*)?pi\s*(?:/\s*([1-9]\d*(?:\.\d*)?))?\s*")
 _TEMPLATE = re.compile(r"(?:[^{}]|\{\{|\}\}|\{joint0?(?::(?:0?\d)?d?)?\}|\{name\})*")
 _METRES = "it in metres: divide millimetres by 1000"
 _COLUMN = (
@@ -107,25 +106,10 @@ def _check(is_good: Callable[[Any], bool], what: str, mend: str) -> AfterValidat
     return AfterValidator(check)
 
 
-def _is_rail(info: ValidationInfo) -> bool:
-    """Whether a value is a position or speed of a joint that slides."""
-    return info.data.get("type") == "prismatic" and (info.field_name, True) in SIZES
-
-
-def _pi(value: Any, info: ValidationInfo) -> Any:
-    """``-pi/2`` and the like as a number, in a file of radians."""
-    match = _PI.fullmatch(value) if isinstance(value, str) else None
-    if match is None or _is_rail(info):
-        return value
-    if _arm(info).unit == "deg":
-        raise refusal(f"{value} is in rad, and this file's angles are in deg", _ANGLES)
-    sign, times, over = match.groups()
-    return float(f"{sign}1") * float(times or 1.0) * math.pi / float(over or 1.0)
-
-
 def _in_si(value: float, info: ValidationInfo) -> float:
     """rad, m, rad/s or m/s; angles in another unit than the file's, and limits and speeds of no joint, are refused."""
-    key, arm, size, is_rail = str(info.field_name), _arm(info), abs(value), _is_rail(info)
+    key, arm, size = str(info.field_name), _arm(info), abs(value)
+    is_rail = info.data.get("type") == "prismatic" and (key, True) in SIZES
     unit, scale = ("m", 1.0) if is_rail else (arm.unit, factor(arm.unit))
     shown = f"{key} of {value:g} {unit}" + "/s" * (key == "max_velocity")
     is_quarter = unit == "deg" and any(abs(size - quarter) < ROUNDING for quarter in QUARTERS)
@@ -211,7 +195,7 @@ def _like(*examples: str, default: Any = ..., **more: Any) -> Any:
 
 #: Tuples are lists in a file.
 AS_LIST = Field(strict=False)
-Angle = Annotated[Finite, BeforeValidator(_pi), AfterValidator(_in_si)]
+Angle = Annotated[Finite, AfterValidator(_in_si)]
 Length = Annotated[Finite, Field(ge=-LONGEST_LINK, le=LONGEST_LINK)]
 GearRatio = Annotated[
     Finite, _check(lambda ratio: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn")
@@ -374,19 +358,19 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     for index, name in enumerate(lower):
         if name in lower[:index]:
             what = f"joints {lower.index(name) + 1} and {index + 1} have the same name"
-            yield Fault(("joints", index), what, "give each its own name")
+            yield (("joints", index), what, "give each its own name")
     for number in sorted({number for pair in pairs if pair for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
             what = f"joint {number} takes part in coupling, and has no gear ratio"
             path = ("joints", number - 1, "gear_ratio")
-            yield Fault(path, what, "add gear_ratio: motor turns per joint turn")
+            yield (path, what, "add gear_ratio: motor turns per joint turn")
     log, taken = form.log, {form.log.time}
     for key in ("position", "velocity", "current", "temperature"):
         template = getattr(log, key) or ""
         columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}
         if columns & taken:
             what = f"{key} takes column {min(columns & taken)}, which another quantity has already"
-            yield Fault(("log", key), what, "give each quantity its own columns")
+            yield (("log", key), what, "give each quantity its own columns")
         taken |= columns
 
 

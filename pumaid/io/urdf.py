@@ -42,11 +42,7 @@ class UrdfJoint:
     follows: str
     element: ElementTree.Element
     file: str
-
-    @property
-    def moves(self) -> bool:
-        """Whether it is not fixed."""
-        return self.kind != "fixed"
+    moves: bool  # it is not fixed
 
     def frame(self) -> Floats:
         """(4, 4) the joint's frame at zero in that of the link before, m; [urdf-refused] in another unit."""
@@ -74,22 +70,64 @@ class UrdfJoint:
         return RecipeError("urdf-refused", what[:200], Where(self.file, field=f"joint {self.name[:60]}"), mend)
 
 
-@dataclass(frozen=True, slots=True)
 class UrdfFile:
-    """A robot: its links, carriers first, and its joints in the file's order.
+    """A robot's `name`, its `links`, carriers first, and joints, which are trees; `digest` is the file's SHA-256.
 
-    By link, `carrier` is the joint that carries it, `carried` are those that it carries, and `reach` is how many moving
-    joints there are at most in one line outward of it. `digest` is the SHA-256 of the file's bytes.
+    By link, `carrier` is the joint that carries it, in the file's order, `carried` are those that it carries, and
+    `reach` is how many moving joints there are at most in one line outward of it.
+
+    Raises
+    ------
+    RecipeError [file-not-readable, urdf-refused]
+        The file at `path` cannot be read, or is no URDF.
     """
 
-    name: str
-    file: str
-    digest: str
-    links: list[str]
-    joints: list[UrdfJoint]
-    carrier: dict[str, UrdfJoint]
-    carried: dict[str, list[UrdfJoint]]
-    reach: dict[str, int]
+    def __init__(self, path: Path) -> None:
+        content, self.file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
+        robot = _parsed(content, self.file)
+        self.name, self.digest = robot.get("name", ""), hashlib.sha256(content).hexdigest()
+        names = {tag: [element.get("name", "").strip() for element in robot.findall(tag)] for tag in ("link", "joint")}
+        for tag in names:
+            repeated = [name for name, count in Counter(names[tag]).items() if count > 1 or not name]
+            if repeated or not names["link"]:
+                what = f"a {tag} has no name, or that of another one: {listed(repeated, 1)}"
+                raise RecipeError("urdf-refused", what[:200], Where(self.file), f"give each {tag} its own name")
+        joints = [self._joint(element) for element in robot.findall("joint")]
+        self.carrier = {joint.child: joint for joint in joints}
+        self.carried: dict[str, list[UrdfJoint]] = {link: [] for link in names["link"]}
+        for joint in joints:
+            self.carried.setdefault(joint.parent, []).append(joint)
+        self.links = [link for link in names["link"] if link not in self.carrier]
+        for link in self.links:
+            self.links += [joint.child for joint in self.carried.get(link, []) if self.carrier[joint.child] is joint]
+        stated = set(names["link"])
+        for joint in joints:
+            self._check(joint, stated)
+        self.reach: dict[str, int] = {}
+        for link in reversed(self.links):
+            self.reach[link] = max((self.reach[j.child] + j.moves for j in self.carried[link]), default=0)
+
+    def _joint(self, element: ElementTree.Element) -> UrdfJoint:
+        name, kind = (element.get(word, "").strip() for word in ("name", "type"))
+        parent, child = (_attribute(element, tag, "link") for tag in ("parent", "child"))
+        follows, moves = _attribute(element, "mimic", "joint"), kind != "fixed"
+        return UrdfJoint(name, kind, parent, child, follows, element, self.file, moves)
+
+    def _check(self, joint: UrdfJoint, stated: set[str]) -> None:
+        """Refuse a joint of no type, at no link, or that closes a loop."""
+        lost = "".join([link for link in (joint.parent, joint.child) if link not in stated][:1])
+        is_loop = self.carrier[joint.child] is not joint or joint.child not in self.links
+        for is_wrong, what, mend in (
+            (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
+            (
+                not stated >= {joint.parent, joint.child},
+                f"is at link '{lost[:40]}', which is not there",
+                meant(lost, self.links),
+            ),
+            (is_loop, f"closes a loop at link {joint.child}", "the links of a URDF are a tree: take it away"),
+        ):
+            if is_wrong:
+                raise joint.refusal(f"joint {joint.name} {what}", mend)
 
     def branches(self, link: str) -> list[UrdfJoint]:
         """Moving joints that go out from a link and all that is fixed to it."""
@@ -147,14 +185,14 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
     RecipeError [urdf-which-chain]
         A link is not there, there are several chains, or none can be stated by a recipe.
     """
-    urdf = _read(path)
+    urdf = UrdfFile(path)
     base, tip = _ends(urdf, base, tip)
     before, arm = urdf.path(None, base), urdf.path(base, tip)
     _refuse_unusable(urdf, base, arm)
     gravity = np.array([0.0, 0.0, -FREE_FALL])
     for joint in before:
         gravity = gravity @ joint.frame()[:3, :3]
-    left_out = [joint for joint in urdf.joints if joint.moves and joint not in (*before, *arm)]
+    left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in (*before, *arm)]
     lines, notes = _joint_lines(arm)
     file, *ends = ["".join(c if c.isprintable() else "?" for c in text) for text in (path.name, base, tip)]
     text = recipe_text(
@@ -173,58 +211,6 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
         notes += [Note("urdf-left-out", about.format(names))] if joints else []
     robot = parsed_recipe(text.encode(), file_name(path))
     return UrdfRecipe(text, robot, urdf, base, tip, arm, left_out, notes)
-
-
-def _read(path: Path) -> UrdfFile:
-    """A URDF with its links and joints, which are trees."""
-    content, file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
-    robot = _parsed(content, file)
-    named = {tag: [element.get("name", "").strip() for element in robot.findall(tag)] for tag in ("link", "joint")}
-    for tag, names in named.items():
-        repeated = [name for name, count in Counter(names).items() if count > 1 or not name]
-        if repeated or not named["link"]:
-            what = (
-                f"the name '{repeated[0]}' is of several {tag}s" if any(repeated) else f"a {tag} or its name is missing"
-            )
-            raise RecipeError("urdf-refused", what[:200], Where(file), f"give each {tag} its own name")
-    joints = [
-        UrdfJoint(
-            name,
-            element.get("type", "").strip(),
-            _attribute(element, "parent", "link"),
-            _attribute(element, "child", "link"),
-            _attribute(element, "mimic", "joint"),
-            element,
-            file,
-        )
-        for name, element in zip(named["joint"], robot.findall("joint"), strict=True)
-    ]
-    carrier = {joint.child: joint for joint in joints}
-    carried: dict[str, list[UrdfJoint]] = {link: [] for link in named["link"]}
-    for joint in joints:
-        carried.setdefault(joint.parent, []).append(joint)
-    links = [link for link in named["link"] if link not in carrier]
-    for link in links:
-        links += [joint.child for joint in carried.get(link, []) if carrier[joint.child] is joint]
-    stated = set(named["link"])
-    for joint in joints:
-        lost = [link for link in (joint.parent, joint.child) if link not in stated]
-        for is_wrong, what, mend in (
-            (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
-            (lost, f"is of a link '{''.join(lost[:1])[:40]}', which is not there", meant("".join(lost[:1]), links)),
-            (
-                carrier[joint.child] is not joint or joint.child not in links,
-                f"closes a loop at link {joint.child}",
-                "the links of a URDF are a tree: take it away",
-            ),
-        ):
-            if is_wrong:
-                raise joint.refusal(f"joint {joint.name} {what}", mend)
-    reach: dict[str, int] = {}
-    for link in reversed(links):
-        reach[link] = max((reach[joint.child] + joint.moves for joint in carried[link]), default=0)
-    digest = hashlib.sha256(content).hexdigest()
-    return UrdfFile(robot.get("name", ""), file, digest, links, joints, carrier, carried, reach)
 
 
 def _parsed(content: bytes, file: str) -> ElementTree.Element:
@@ -267,7 +253,9 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
         tip, count = branches[0].child, count + 1
     if not any(urdf.reach[joint.child] + 1 >= count for joint in branches if not joint.follows):
         return base, tip
-    ends = [joint.child for joint in urdf.joints if joint.moves and not (joint.follows or urdf.reach[joint.child])]
+    ends = [
+        joint.child for joint in urdf.carrier.values() if joint.moves and not (joint.follows or urdf.reach[joint.child])
+    ]
     raise urdf.unclear(f"the joints split at {tip}", f"say where the arm ends: --tip LINK, of {listed(ends)}")
 
 

@@ -103,7 +103,7 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
     """Write samples (at least one batch, in order of time) as one log file in the recipe's columns, units and signs.
 
     The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine decimals. ``-`` writes CSV to standard output.
-    Velocity, temperature and joints without a current are left out where the first log has none.
+    Velocity and temperature are left out where the first log has none.
     """
     tables = _tables(logs, robot)
     if path == STDIN:
@@ -123,17 +123,12 @@ def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
         columns = columns or [
             (name, quantity, joint)
             for quantity, joint in product(QUANTITIES, robot.joints)
-            if (name := robot.log.column(quantity, joint.number)) and _has(log, quantity, joint)
+            if (name := robot.log.column(quantity, joint.number)) and getattr(log, quantity) is not None
         ]
         table = {robot.log.time: log.time / time_factor(robot)}
         for name, quantity, joint in columns:
             table[name] = getattr(log, quantity)[:, joint.number - 1] / factor_of(robot, quantity, joint)
         yield pa.table(table)
-
-
-def _has(log: Log, quantity: str, joint: Joint) -> bool:
-    values = getattr(log, quantity)
-    return values is not None and not (len(log) and np.isnan(values[:, joint.number - 1]).all())
 
 
 def _write_parquet(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
@@ -237,10 +232,8 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
         is_simulated = read_truth(truth).get("kind") == "truth"
     there = [path for path in sorted(folder.rglob("*")) if is_log(str(path.relative_to(folder))) or path == truth]
     ours = {path for path in folder.glob("session_*") if _SIMULATED.fullmatch(path.name)} | {truth}
-    foreign = [path for path in there if not is_simulated or path not in ours]
-    if foreign or (there and not force):
-        first = (foreign or there)[0]
-        what = f"{folder} holds logs already ({len(there)} files, such as {first.name})"
+    if there and not (force and is_simulated and ours.issuperset(there)):
+        what = f"{folder} holds logs already ({len(there)} files, such as {there[0].name})"
         mend = "write to another folder with -o; --force replaces only what an earlier simulation wrote"
-        raise ResultError("file-exists", what, Where(file=str(first)), mend)
+        raise ResultError("file-exists", what, Where(file=str(there[0])), mend)
     return sorted(there, key=truth.__eq__)

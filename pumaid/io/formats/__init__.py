@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -138,12 +137,9 @@ def refusing_damage(name: str) -> Iterator[None]:
 @cache
 def log_formats() -> tuple[type[LogSource], ...]:
     """All formats, those that recognise files by themselves first."""
-    classes = []
     for module in pkgutil.iter_modules(__path__):
-        contents = vars(importlib.import_module(f"{__name__}.{module.name}")).values()
-        sources = [item for item in contents if inspect.isclass(item) and issubclass(item, LogSource)]
-        classes += [item for item in sources if not inspect.isabstract(item)]
-    return tuple(sorted(classes, key=lambda item: item.is_fallback))
+        importlib.import_module(f"{__name__}.{module.name}")
+    return tuple(sorted(LogSource.__subclasses__(), key=lambda item: item.is_fallback))
 
 
 def endings() -> tuple[str, ...]:
