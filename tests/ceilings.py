@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 26000,
-    "statements": 16030,
-    "modules": 146,
+    "lines": 25576,
+    "statements": 15664,
+    "modules": 131,
     "import depth": 12,
-    "lines of tests and tools": 22358,
+    "lines of tests and tools": 22333,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
