@@ -21,19 +21,11 @@ from pumaid.io.recipe import shipped_recipes
 
 #: Log blocks that are appended to a shipped recipe.
 LOG_BLOCKS = {
-    "ur3e": """log:
-  time: timestamp
-  position: "actual_q_{joint0}"
-  velocity: "actual_qd_{joint0}"
-  current: "actual_current_{joint0}"
+    "ur3e": """log: {time: timestamp, position: "actual_q_{joint0}", velocity: "actual_qd_{joint0}",
+  current: "actual_current_{joint0}"}
 """,
-    "kinova_gen3": """log:
-  time: Time
-  position: "Position{joint}"
-  velocity: "Velocity{joint}"
-  current: "Cur{joint}"
-  temperature: "Temp{joint}"
-  units: {time: ms}
+    "kinova_gen3": """log: {time: Time, position: "Position{joint}", velocity: "Velocity{joint}", current: "Cur{joint}",
+  temperature: "Temp{joint}", units: {time: ms}}
 """,
     "pendulum2": """log: {time: time, position: "pos{joint}", velocity: "vel{joint}", current: "tau{joint}"}
 """,
@@ -50,7 +42,6 @@ log: {time: Time, position: Position, velocity: Velocity, current: Iq}
 
 #: Motor turns per joint turn of the TX40, from its provenance.
 REDUCTIONS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)
-
 
 #: The UR3e with measured currents: joint 2 alone, eleven strokes of half a turn.
 UR3E = "ur3e-aurt/wave_currentData_100v_40a.parquet"
@@ -112,8 +103,7 @@ def tx40(place: Path) -> Path:
 def run(place: Path, command: str, *words: str) -> tuple[int, Any, str]:
     """Exit code, JSON document and standard error of a command on a folder's recipe, logs and model; `words` more."""
     model = [str(place / "results" / "model.json")] if command in ("compare", "diagnose") else []
-    reads_logs = command != "history"
-    logs = [str(place / "logs"), "--recipe", str(place / "recipe.yaml")] if reads_logs else []
+    logs = [] if command == "history" else [str(place / "logs"), "--recipe", str(place / "recipe.yaml")]
     results = [] if command in ("compare", "segment") else ["--results", str(place / "results")]
     done = CliRunner().invoke(group, [command, *model, *logs, *results, *words, "--json"])
     return done.exit_code, json.loads(done.stdout) if done.stdout else None, done.stderr

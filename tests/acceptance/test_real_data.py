@@ -136,10 +136,9 @@ def test_ur3e_gravity_is_that_of_half_sums_and_points_where_the_published_masses
 
 def test_ur3e_friction_is_known(shoulder):
     """The joint is alone in the logs, and outer links were never moved: its friction does not wait for theirs."""
-    values = [
-        value for name, value in real.parameters(shoulder[1]).items() if name.startswith(("coulomb.j2", "viscous.j2"))
-    ]
-    assert [value["state"] for value in values] == ["identified"] * 4
+    values = real.parameters(shoulder[1])
+    states = [values[name]["state"] for name in values if name.startswith(("coulomb.j2", "viscous.j2"))]
+    assert states == ["identified"] * 4
 
 
 @pytest.mark.parametrize("judged", ["first", "second"])
@@ -227,10 +226,7 @@ def test_load_friction_of_a_double_pendulum_at_work(scratch):
     ratio = real.parameters(real.run(place, "identify")[1])["gain_ratio.1.2"]
     assert ratio["value"] == pytest.approx(1.0, abs=0.1) and ratio["std_error"] < 0.03
     findings = real.run(place, "diagnose")[1]["findings"]
-    assert [(finding["effect"], finding["joint"]) for finding in findings] == [
-        ("load_friction", 1),
-        ("load_friction", 2),
-    ]
+    assert [f"{finding['effect']}@{finding['joint']}" for finding in findings] == ["load_friction@1", "load_friction@2"]
     sums = real.run(place, "identify", "--add", "load_friction@1")[1]["combinations"]
     both = next(entry for entry in sums if "load_friction.j1.drive" in entry["terms"])
     assert both["value"] == pytest.approx(0.067, abs=0.006)

@@ -16,6 +16,7 @@ TURN = np.pi / 2
 
 #: RMS noise of the samples in these tests (A).
 NOISE = 0.02
+FACTS = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
 
 
 def pendulum_current(joint: int, q: np.ndarray, *, other: float, qd: np.ndarray) -> np.ndarray:
@@ -147,8 +148,7 @@ def test_flags_another_speed_or_posture(fitted):
 
 def test_a_fitted_log_is_never_flagged():
     """Runs of a log that was fitted are known, whatever is undetermined elsewhere."""
-    facts = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
-    dataset = Dataset(runs((0.0,), (0.4,)), files=facts)
+    dataset = Dataset(runs((0.0,), (0.4,)), files=FACTS)
     estimate = pumaid.identify(dataset, worlds.PENDULUM)
     comparison = made(dataset, estimate)
     assert not any(score.undetermined for score in comparison.runs)
@@ -198,13 +198,12 @@ def test_the_floor_is_that_of_the_model_that_stands():
 
 def test_says_that_other_runs_are_held_out(fitted):
     """Runs that the fit saw and that are held out now, and the other way round, are told; the same choice is not."""
-    facts = (FileFacts("samples", "d1", 1, 0.01, 0.0, 1.0),)
-    all_of_them = Dataset(runs((0.0, 1.0), (0.4, 0.8)), files=facts)
+    all_of_them = Dataset(runs((0.0, 1.0), (0.4, 0.8)), files=FACTS)
     some = replace(all_of_them, runs=tuple(replace(run, heldout=n % 2 > 0) for n, run in enumerate(all_of_them.runs)))
     for fitted_to, now in ((all_of_them, some), (some, all_of_them)):
         estimate = pumaid.identify(fitted_to, worlds.PENDULUM)
         told = [note for note in made(now, estimate).notes if note.slug == "held-out-otherwise"]
         assert len(told) == 1 and "joint 1" in told[0].text
         assert "held-out-otherwise" not in [note.slug for note in made(fitted_to, estimate).notes]
-        other = replace(now, files=(replace(facts[0], digest="d2"),))
+        other = replace(now, files=(replace(FACTS[0], digest="d2"),))
         assert "held-out-otherwise" not in [note.slug for note in made(other, estimate).notes]

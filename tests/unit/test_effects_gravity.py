@@ -11,7 +11,7 @@ from engines import held_by_mujoco
 from worlds import CRANE, PENDULUM, STANFORD
 
 from pumaid.effects import Samples, catalogue
-from pumaid.model import Model, loads
+from pumaid.model import Model, loads, loads_along
 from pumaid.robot import Robot
 from pumaid.simulation import table1
 
@@ -259,3 +259,29 @@ def test_coupling(m, on):
     predicted = seen.loads.moving + ratio * columns("coupling", world, seen, number=m, shape={"on": on})[:, 0]
     assert np.allclose(predicted, carried, atol=1e-6)  # the difference quotient's own rounding
     assert not columns("coupling", world, seen, number=m, shape={"on": on - 1}).any()
+
+
+def test_unknown_ratio_hides_another_joints_load_and_its_gain():
+    """Where eta2/eta3 is not known the load of joint 2 is not, nor the gain between them; joint 3's own is."""
+    world = World.of("puma")
+    (model, solution), scales = world.fitted(), world.scales
+    scales[1, 2:] = np.nan
+    found = loads(model, world.seen(3), solution=solution, scales=scales)
+    assert np.isnan(found.by_joint[:, 1]).all() and np.isfinite(found.moving).all()
+    assert np.isnan(found.gains[1]) and np.isfinite(found.gains[2:]).all()
+
+
+@pytest.mark.parametrize(("name", "joint"), JOINTS)
+def test_loads_along_runs_are_the_loads(name, joint):
+    """While one joint moves alone in three runs, five positions of a run say what its load is at all others."""
+    world, rng, sizes = World.of(name), np.random.default_rng(joint), np.array([40, 25, 60])
+    position = np.repeat(rng.uniform(-2.0, 2.0, (3, world.robot.n_joints)), sizes, axis=0)
+    position[:, joint - 1] = rng.uniform(-3.0, 3.0, len(position))
+    velocity = rng.uniform(-1.0, 1.0, position.shape)
+    samples = Samples(joint, position, velocity, np.zeros(125), np.sign(velocity[:, joint - 1]))
+    (model, solution), scales = world.fitted(), world.scales
+    scales[0, -1] = np.nan  # an unknown ratio
+    ours = loads_along(model, samples, sizes, solution=solution, scales=scales)
+    theirs = loads(model, samples, solution=solution, scales=scales)
+    for part in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
+        np.testing.assert_allclose(getattr(ours, part), getattr(theirs, part), atol=1e-11, err_msg=part)

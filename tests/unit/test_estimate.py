@@ -149,9 +149,8 @@ def test_a_single_run(joint):
 def test_nothing_but_held_out_runs():
     """With every run held out there is nothing to fit, and the refusal says how many there were."""
     runs = tuple(replace(run, heldout=True) for run in dataset(drawn(PENDULUM), experiment(PENDULUM)).runs)
-    with pytest.raises(LogError, match=f"{len(runs)} runs, all held out") as caught:
+    with pytest.raises(LogError, match=rf"no-runs.*{len(runs)} runs, all held out"):
         identify(Dataset(runs), PENDULUM)
-    assert caught.value.slug == "no-runs"
 
 
 @pytest.mark.parametrize("recursive", [False, True])
@@ -287,11 +286,8 @@ def test_an_effect_that_is_not_there_leaves_the_rest_its_word():
 
 
 def test_what_passes_for_gravity_is_not_identifiable():
-    """Friction that follows the load in equal measure both ways is told from gravity; what differs is told of neither.
-
-    The sum is given with its error; gravity's size, with which half the difference passes, has no number, as it has no
-    right one: before, none of twelve intervals held the truth.
-    """
+    """Friction that follows the load alike both ways is told from gravity; what differs is told of neither."""
+    # Gravity's size, with which half the difference passes, has no number, as it has no right one.
     truth, dataset = hiding(f"load_friction@{JOINT}")
     estimate = identify(dataset, PENDULUM, effects=[EffectChoice("load_friction", JOINT)])
     for name in ("load_friction.j2.drive", "load_friction.j2.back", "gravity.l2.x", "gravity.l2.y"):

@@ -125,18 +125,16 @@ def test_files_share_one_clock():
 )
 def test_nonsense_is_refused(plan, rate, slug):
     """Another arm's plan, a joint that is not there, a rate that is none."""
-    with pytest.raises(ModelError) as caught:
+    with pytest.raises(ModelError, match=slug):
         simulate(PUMA.robot, plan, rate=rate)
-    assert caught.value.slug == slug
 
 
 def test_an_arm_out_of_control_is_no_log():
     """Gears that turn one motor a million times as fast as another throw the arm away, which is an error and no log."""
     joints = tuple(replace(joint, gear_ratio=1.0) for joint in PUMA.robot.joints)
     wild = replace(PUMA.robot, joints=joints, coupling={(2, 1): 1e6})
-    with pytest.raises(ModelError) as caught:
+    with pytest.raises(ModelError, match="simulation-diverged"):
         list(simulate(wild, SHORT, rate=RATE))
-    assert caught.value.slug == "simulation-diverged"
 
 
 @pytest.mark.parametrize("text", ["stribeck@1:a=nan", "delay@1:dt=-1", "delay@1:dt=1e9"])

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from worlds import CRANE, STANFORD, TURN, arm, course, run_of
 
 from pumaid.estimation.identifiability import of_column, of_ratio
-from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model, Structure, minimal
 from pumaid.robot import Robot
 
@@ -115,12 +114,6 @@ def test_without_gravity_nothing_has_weight():
     """An arm in orbit has friction and nothing else."""
     structure = minimal(arm("RPR", [0.3, 0.4, 0.5], gravity=(0.0, 0.0, 0.0)))
     assert len(structure.absent) == 5 and set(structure.redundant) == {(1, 2), (2, 3)}
-
-
-def test_stanford_as_in_the_paper():
-    """The Stanford arm: joint 1 is upright and so carries nothing; everything else can be seen."""
-    structure = minimal(read_recipe(shipped_recipes()["stanford"]))
-    assert found(structure) == ({"gravity.l1.x", "gravity.l1.y"}, set(), {(1, 2)})
 
 
 def test_reasons_name_the_joint_and_its_case():
