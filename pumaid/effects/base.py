@@ -190,7 +190,7 @@ class Effect:
     #: `parameters` and `shapes`.
     linear: ClassVar[tuple[Parameter, ...]] = ()
     nonlinear: ClassVar[tuple[Shape, ...]] = ()
-    #: Why it cannot act at a joint that slides, and whether only where gravity loads the joint.
+    #: Why it cannot act at a joint that slides, and whether only where gravity loads the joint, or some joint.
     not_sliding: ClassVar[str] = ""
     only_loaded: ClassVar[bool] = False
     #: Whether it belongs to the paper's model, and so is in every model.
@@ -259,10 +259,12 @@ class Effect:
         return tuple(parameter.sign for parameter in self.linear)
 
     def applies(self, robot: Robot, joint: int) -> str | None:
-        """Why the effect cannot act at (or be caused by) `joint` (from 1), or None where it can."""
+        """Why the effect cannot act at (or be caused by) `joint` (from 1; 0: the whole arm), or None where it can."""
         if self.not_sliding and not robot.joint(joint).is_revolute:
             return f"joint {joint} slides: {self.not_sliding}"
-        return load_refusal(robot, joint) if self.only_loaded else None
+        numbers = [joint] if joint else range(1, robot.n_joints + 1)
+        refusals = [load_refusal(robot, number) for number in numbers] if self.only_loaded else [None]
+        return None if None in refusals else "; ".join(map(str, refusals))
 
 
 @lru_cache(maxsize=256)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from pumaid.effects import Effect, Extent, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.effects import Effect, Extent, Family, Parameter, Scope, Shape, Trace
 from pumaid.robot import Robot
 
 
@@ -25,6 +25,7 @@ class Coupling(Effect):
     seen_in = "runs in which the load of the joint that causes it changes: other postures, or a payload"
     look_alikes = ("zero_offset", "tilt", "counterbalance")
     linear = (Parameter("c", "1", "current of the other joint per load of this one", "c{n}", 0.1, -20.0, 20.0),)
+    only_loaded = True
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         meaning = "number of the joint whose current changes"
@@ -36,6 +37,5 @@ class Coupling(Effect):
         return tuple({"on": float(i)} for i in reversed(range(1, extent.joint or 1)))
 
     def applies(self, robot: Robot, joint: int) -> str | None:
-        if joint == 1:
-            return "joint 1 has no joint before it whose motor could carry its load"
-        return load_refusal(robot, joint)
+        first = "joint 1 has no joint before it whose motor could carry its load"
+        return first if joint == 1 else super().applies(robot, joint)

@@ -1,6 +1,6 @@
 """Payload on the last link from an instant on."""
 
-from pumaid.effects import Effect, Family, Parameter, Scope, Shape, load_refusal
+from pumaid.effects import Effect, Family, Parameter, Scope, Shape
 from pumaid.robot import Robot
 
 
@@ -26,6 +26,7 @@ class Payload(Effect):
     seen_in = "the same runs with and without it"
     look_alikes = ("torque_constant_drift", "tilt")
     nonlinear = (Shape("time", "s", "when it came, counted from the arm's first motion", 0.0, 1e9, 600.0, False),)
+    only_loaded = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
         length = "m" if robot.joints[-1].is_revolute else "1"
@@ -37,9 +38,3 @@ class Payload(Effect):
             Parameter("y", moment, f"first moment along y {felt}", "my", -0.003),
             Parameter("z", moment, f"first moment along z {felt}", "mz", 0.01),
         )
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        if joint:
-            return load_refusal(robot, joint)
-        reasons = [load_refusal(robot, other.number) for other in robot.joints]
-        return None if None in reasons else "no joint of this arm feels gravity"

@@ -154,7 +154,7 @@ def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats
     rng = np.random.default_rng(SEED)
     position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
     wanted = formulas.weight(position) * torques
-    off = gravity_load(robot, Links(masses, centres), position) - wanted
+    off = gravity_load(robot, Links(masses, centres), position)[0] - wanted
     scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
     sizes, loads = (np.sqrt(np.mean(values**2, axis=0)) for values in (off, wanted))
     hidden = minimal(robot).embodied

@@ -11,7 +11,7 @@ from pumaid.errors import ModelError, Where
 from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, acted, values_of
-from pumaid.simulation.virtual_robot import Truth, link_sizes, side_load
+from pumaid.simulation.virtual_robot import Truth, gravity_load, link_sizes
 from pumaid.trajectory import accelerations
 
 #: Attributes of a body or a joint of MuJoCo.
@@ -210,7 +210,7 @@ class RigidArm:
             state.friction = self.truth.friction.currents(state.velocity)
             if self._needs_across:
                 arm = replace(self.truth.robot, gravity=self.truth.gravity())
-                state.across = side_load(arm, self.truth.links, self._position[None])[0] * np.abs(self._gain)
+                state.across = gravity_load(arm, self.truth.links, self._position[None])[1][0] * np.abs(self._gain)
             dry = dry + self._hidden(Kind.FRICTION)
         self._dry[:] = np.maximum(dry / np.abs(self._gain), 0.0)
         self._begin(self.model, self.data)

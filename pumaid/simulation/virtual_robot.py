@@ -54,34 +54,24 @@ class Links:
         return Links(total, centre)
 
 
-def gravity_load(robot: Robot, links: Links, position: Floats) -> Floats:
+def gravity_load(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats]:
     """(N, J) N m or N that each joint needs to hold the arm still at `position` (N, J): slope of the potential energy.
+
+    And (N, J) N m: size of the weight's moment across each turning joint's axis, which bearings carry; 0 for sliding.
 
     U = -sum_k m_k g . p_k. Turning joint i moves p_k by z_i x (p_k - o_i), sliding it moves p_k by z_i, for k >= i.
     """
-    axis, arm, outer_mass = _outward(robot, links, position)
-    g = np.asarray(robot.gravity, dtype=float)
-    # g . (z x r) = (g x z) . r, and g x z is a product with one matrix.
-    turning = -np.einsum("nja,nja->nj", axis @ np.cross(g, np.eye(3)), arm)
-    sliding = -outer_mass * (axis @ g)
-    return np.where(robot.is_revolute, turning, sliding)
-
-
-def side_load(robot: Robot, links: Links, position: Floats) -> Floats:
-    """(N, J) N m: size of the weight's moment across each turning joint's axis, which bearings carry; 0 for sliding."""
-    axis, arm, _ = _outward(robot, links, position)
-    moment = np.cross(arm, np.broadcast_to(np.asarray(robot.gravity, dtype=float), arm.shape))
-    across = np.linalg.norm(np.cross(axis, moment), axis=2)
-    return np.where(robot.is_revolute, across, 0.0)
-
-
-def _outward(robot: Robot, links: Links, position: Floats) -> tuple[Floats, Floats, Floats]:
-    """(N, J, 3) axes, (N, J, 3) first moment of links i..n about origin i, kg m, and (J,) their mass."""
     rotations, origin = robot.frames(position)
+    axis, g = rotations[..., 2], np.asarray(robot.gravity, dtype=float)
     centres = origin + np.einsum("njab,jb->nja", rotations, links.centre)
     outer_mass = np.cumsum(links.mass[::-1])[::-1]
     outer_moment = np.cumsum((links.mass[:, None] * centres)[:, ::-1], axis=1)[:, ::-1]
-    return rotations[..., 2], outer_moment - outer_mass[:, None] * origin, outer_mass
+    arm = outer_moment - outer_mass[:, None] * origin  # first moment of links i..n about origin i, kg m
+    # g . (z x r) = (g x z) . r, and g x z is a product with one matrix.
+    turning = -np.einsum("nja,nja->nj", axis @ np.cross(g, np.eye(3)), arm)
+    across = np.linalg.norm(np.cross(axis, np.cross(arm, g)), axis=2)
+    turns = robot.is_revolute
+    return np.where(turns, turning, -outer_mass * (axis @ g)), np.where(turns, across, 0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -245,7 +235,8 @@ class Truth:
 
     def gravity_current(self, position: Floats) -> Floats:
         """(N, J) A that carry the weight at `position` (N, J), rad or m, nothing being hidden."""
-        return gravity_load(self.robot, self.links, position) @ np.linalg.inv(self.robot.shaft_speeds) * self.gain
+        load, _ = gravity_load(self.robot, self.links, position)
+        return load @ np.linalg.inv(self.robot.shaft_speeds) * self.gain
 
     def hiding(self, hidden: Sequence[Hidden]) -> Truth:
         """The same robot with other hidden effects; values that they do not name are made to show at this robot."""
@@ -270,13 +261,11 @@ class Truth:
         for _ in range(_ROUNDS if sag.any() else 1):
             before = load.copy()
             for body, there in bodies:
-                load[there] = gravity_load(arm, body, link[there]) @ shares * self.gain
+                along, beside = gravity_load(arm, body, link[there])
+                load[there], across[there] = along @ shares * self.gain, beside * np.abs(self.gain)
             link = position + offset - sag * load
             if np.max(np.abs(load - before), initial=0.0) < _SETTLED:
                 break
-        if self.hides("side_load_friction"):
-            for body, there in bodies:
-                across[there] = side_load(arm, body, link[there]) * np.abs(self.gain)
         return load, across
 
     def gravity(self) -> tuple[float, float, float]:
@@ -330,9 +319,8 @@ class Truth:
         low, high = np.array([span(joint) for joint in robot.joints]).T
         rng = np.random.default_rng(0)
         postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
-        load = self.gravity_current(postures)
+        load, (_, across) = self.gravity_current(postures), gravity_load(robot, self.links, postures)
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
-        across = side_load(robot, self.links, postures) * np.abs(self.gain)
         table = {
             "joint": np.arange(1.0, len(low) + 1.0),
             "coulomb": coulomb,
@@ -342,7 +330,7 @@ class Truth:
             "half_span": 0.5 * (high - low),
             "load": np.sqrt(np.mean(load**2, axis=0)),
             "peak_load": np.max(np.abs(load), axis=0),
-            "across": np.sqrt(np.mean(across**2, axis=0)),
+            "across": np.sqrt(np.mean((across * self.gain) ** 2, axis=0)),
             "last_mass": np.full(len(low), self.links.mass[-1]),
             "reach": np.full(len(low), float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0),
         }
@@ -367,7 +355,7 @@ def draw(robot: Robot, seed: int) -> Truth:
     share = rng.uniform(-np.pi, np.pi, (400, n)) / np.pi
     ends = np.array([(-np.pi, np.pi) if joint.is_revolute else span(joint) for joint in robot.joints])
     position = 0.5 * ends.sum(axis=1) + 0.5 * np.diff(ends, axis=1)[:, 0] * share
-    load = np.max(np.abs(gravity_load(robot, links, position)), axis=0)
+    load = np.max(np.abs(gravity_load(robot, links, position)[0]), axis=0)
     # Rounding of right angles is no load, and a motor sized for it would turn it into amperes.
     load[load < 1e-9 * np.sum(links.mass) * np.linalg.norm(robot.gravity)] = 0.0
     # A joint that never lifts (parallel to gravity) still has a motor: one for a tenth of the kind's greatest load.
