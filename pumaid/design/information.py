@@ -10,8 +10,8 @@ from scipy import sparse
 
 from pumaid.design.candidate_runs import Block
 from pumaid.effects import Samples, catalogue
-from pumaid.maths import Counts, Flags, Floats
-from pumaid.model import Structure
+from pumaid.maths import Bilinear, Counts, Flags, Floats, Gains
+from pumaid.model import Model, Structure
 from pumaid.robot import Robot
 from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.trajectory import Motion, Plan, cruise, duration
@@ -58,22 +58,18 @@ def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names:
     robot, count = truths[0].robot, len(holds)
     ends = np.concatenate([holds, holds])
     ends[:count, joint - 1], ends[count:, joint - 1] = 0.0, 0.5 * np.pi
-    samples, gravity = Samples(joint, ends, np.zeros_like(ends)), catalogue()["gravity"]
-    place = {name: k for k, name in enumerate(names)}
-    # One column more, into which goes what is not among the names.
-    out = np.zeros((len(truths), 2 * count, len(names) + 1))
-    values = [truth.parameters() for truth in truths]
-    ratios = np.array([[v[f"gain_ratio.{i}.{i + 1}"] for i in range(1, robot.n_joints)] for v in values])
-    for link in range(joint, robot.n_joints + 1):
-        labels = [f"gravity.l{link}.{part.name}" for part in gravity.parameters(robot, link)]
-        scale = ratios[:, joint - 1 : link - 1].prod(axis=1)[:, None, None]
-        columns = scale * gravity.columns(robot, samples, number=link)
-        out[:, :, [place.get(label, -1) for label in labels]] = columns
-        sizes = np.array([[v[label] for label in labels] for v in values])
-        load = np.einsum("gmp,gp->gm", columns, sizes)
-        for i in range(joint, link):
-            out[:, :, place.get(f"gain_ratio.{i}.{i + 1}", -1)] += load / ratios[:, i - 1, None]
-    out = out[..., :-1]
+    model, ratios = Model(robot), [f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)]
+    regressors = model.base(Samples(joint, ends, np.zeros_like(ends), direction=np.ones(len(ends))))
+    system = Bilinear(np.full(2 * count, joint - 1), regressors, np.zeros(2 * count), model.owners - 1)
+    place = {name: k for k, name in enumerate((*model.names, *ratios))}
+    chain = Gains(robot.n_joints)
+    chain.parent[1:] = range(robot.n_joints - 1)
+    # One column more for names that the arm does not have.
+    out = np.zeros((len(truths), 2 * count, len(place) + 1))
+    for number, table in enumerate(truth.parameters() for truth in truths):
+        gains = chain.with_ratios(np.array([table[ratio] for ratio in ratios]))
+        out[number, :, :-1] = system.jacobian(gains, np.array([table[name] for name in model.names]))
+    out = out[..., [place.get(name, -1) for name in names]]
     cosine, sine = out[:, :count], out[:, count:]
     nothing = np.zeros_like(cosine)
     parts = [cosine, sine, nothing] if robot.joints[joint - 1].is_revolute else [nothing, nothing, cosine]

@@ -26,11 +26,10 @@ from pumaid.diagnosis.records import (
     Finding,
     JointDiagnosis,
     Line,
-    Repeats,
     Size,
     Unexplained,
 )
-from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with, rmse
+from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with
 from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
@@ -339,16 +338,13 @@ class DiagnosisBuilder:
         row, shape = self.fits[0].row(joint), self._shape(joint)
         split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=floor)
         limits = sorted(self.limits.items(), key=lambda item: (item[0][0], item[0][1] or 0))
-        return JointDiagnosis(
-            joint=joint,
+        return replace(
+            judged,
             verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
-            text="",
-            rmse=rmse(row.bins, row.misfit),
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
-            repeats=None if judged.replicates is None else Repeats(judged.replicates.share, judged.replicates.p_value),
             budget={part.name: part.mean_square for part in split.parts},
             candidates=self._candidates(joint),
-            unexplained=shape or judged.shape,
+            unexplained=shape or judged.unexplained,
             limits=tuple(limit for (_, place), limit in limits if place in (joint, None)),
             weakened=weakened(row.bins, self.search.runs),
         )

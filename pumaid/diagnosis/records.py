@@ -144,10 +144,14 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
-    """Share of a residual that repeats between replicates, and the chance of that much by noise alone."""
+    """Share of a residual's mean square that repeats between replicates, and the chance of that much by noise alone.
+
+    `floor` is the RMS (A) of bins that no model of position, posture, speed and direction removes.
+    """
 
     share: float
     p_value: float
+    floor: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

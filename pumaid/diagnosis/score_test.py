@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
-from pumaid.diagnosis.records import Transfer
+from pumaid.diagnosis.records import Repeats, Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import ABSORBED, Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
@@ -283,19 +283,7 @@ PAIR_FLIPS, PAIR_SEED, FEWEST_PAIRS = 4999, 11, 4
 LENGTHS = (1, 2, 4, 8, 16)
 
 
-@dataclass(frozen=True, slots=True)
-class ReplicateTest:
-    """What pairs of repeated runs share: `share` of the mean square, and the chance of that much where nothing repeats.
-
-    `floor` is the RMS (A) of bins that no model of position, posture, speed and direction removes.
-    """
-
-    share: float
-    p_value: float
-    floor: float
-
-
-def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> ReplicateTest | None:
+def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats | None:
     """How much of the misfit (N,) A, and whitened, repeats; None with fewer than `FEWEST_PAIRS` pairs.
 
     Whitened, so that slow noise does not hide what is fast; over stretches of several lengths, so that fast noise does
@@ -326,7 +314,7 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Replicate
     observed = float((products.sum(axis=1) / spread).max())
     chance = float(1 + np.count_nonzero(flipped >= observed * (1.0 - 1e-12))) / (1 + PAIR_FLIPS)
     share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
-    return ReplicateTest(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))
+    return Repeats(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))
 
 
 #: A joint (from 1), and runs of it (from 0) that leave together.
@@ -388,7 +376,8 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
     values, vectors = np.linalg.eigh(whole / np.outer(size, size))
     is_determined = values > FLAT * values[-1]
     half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
-    falls, squares, width = [], np.zeros(3), len(slope) // len(shapes)
+    places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
+    units = unit[places][:, :, None] * np.eye(places.shape[1])
     for joint, runs in folds:
         row = solved.row(joint)
         bins = np.isin(row.bins.run, runs)
@@ -399,14 +388,14 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
         turned = inverse @ cross
         score = slope - C.T @ r - cross.T @ move
         remaining = gram - C.T @ C - cross.T @ turned
-        parts = [slice(start, start + width) for start in range(0, len(slope), width)]
-        fitted = [_inverse(remaining[part, part], np.diag(unit[part])) @ score[part] for part in parts]
-        best = int(np.argmax([score[part] @ sizes for part, sizes in zip(parts, fitted, strict=True)]))
-        place, sizes = parts[best], fitted[best]
+        alone = remaining[places[:, :, None], places[:, None, :]]
+        fitted = np.einsum("kvw,kw->kv", _inverse(alone, units), score[places])
+        best = int(np.argmax(np.sum(score[places] * fitted, axis=1)))
+        place, sizes = places[best], fitted[best]
         error, bare = r - J @ move, row.bare[bins]
         after = error - (C - J @ turned)[:, place] @ sizes
         raw = row.misfit[bins] - bare @ move
-        drawn = plain[joint][bins, place] if joint in plain else 0.0
+        drawn = plain[joint][bins][:, place] if joint in plain else 0.0
         raw_after = raw - (drawn - bare @ turned[:, place]) @ sizes
         inside = weight @ row.bins.inside[bins]
         falls.append(float(error @ error - after @ after))
@@ -415,15 +404,15 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
 
 
 def _inverse(information: Floats, half: Floats) -> Floats:
-    """Inverse of what training runs tell, in directions of which they keep at least `KEPT` of the whole information.
+    """Inverse (..., P, P) of what training runs tell, in directions of which they keep `KEPT` of the whole information.
 
     What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more than
     any effect. `half` is a root of the inverse of the whole.
     """
-    values, vectors = np.linalg.eigh(half.T @ information @ half)
-    is_kept = values > KEPT
-    turned = half @ vectors[:, is_kept] / np.sqrt(values[is_kept])
-    return np.asarray(turned @ turned.T)
+    values, vectors = np.linalg.eigh(np.swapaxes(half, -1, -2) @ information @ half)
+    weight = np.where(values > KEPT, 1.0 / np.sqrt(np.maximum(values, KEPT)), 0.0)
+    turned = half @ (vectors * weight[..., None, :])
+    return np.asarray(turned @ np.swapaxes(turned, -1, -2))
 
 
 #: Standard deviations of what the effect adds to runs held out below which these say nothing of it.

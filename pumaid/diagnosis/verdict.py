@@ -1,17 +1,15 @@
 """What has no name (free functions of one variable, scored like effects), and what would not have been seen."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from scipy import special
 
 from pumaid.diagnosis.candidates import PERIODIC, Candidates, Expansion, Key
-from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, Limit, Unexplained
+from pumaid.diagnosis.records import ADEQUATE, MISSING, UNEXPLAINED_JOINT, JointDiagnosis, Limit, Unexplained
 from pumaid.diagnosis.score_test import (
     GROSS,
-    ReplicateTest,
     ScoreTable,
     ScoreTest,
     SignFlips,
@@ -136,20 +134,11 @@ REPEATS, NAMELESS = 0.005, 0.01
 ENOUGH, EXCESS = 0.8, 1.02
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class JointVerdict:
-    """One joint's verdict (adequate, missing or unexplained), what repeated before anything was added, and the shape.
+def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDiagnosis:
+    """One joint's verdict, what repeats, and the shape of what has no name, without the rest of its diagnosis.
 
-    `replicates` is None without repeated runs; `shape` is of what has no name, None where all is explained.
+    It is that of the fits as it was given and with all that was added; `acting`: something of it acts there.
     """
-
-    verdict: str
-    replicates: ReplicateTest | None
-    shape: Unexplained | None
-
-
-def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointVerdict:
-    """Of one joint, by the fits as it was given and with all that was added; `acting`: something of it acts there."""
     a, b = first.row(joint), last.row(joint)
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
     is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
@@ -159,15 +148,16 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointVe
     passing = [form for form in forms if chances.p_value(form.added.key, form.surprise(last.scale)) <= level]
     best = max(passing, key=lambda form: evidence(last, form), default=None)
     is_clear = best is not None and evidence(last, best) > DECISIVE
-    is_gone = False
-    if acting and after is not None:
+    is_gone, shape = False, None
+    verdict = MISSING if acting else ADEQUATE
+    if acting and after is not None and after.floor is not None:
         floor2 = after.floor**2 + float(b.bins.count @ b.bins.inside / b.bins.count.sum())
         start2, end2 = (rmse(item.bins, item.misfit) ** 2 for item in (a, b))
         is_gone = start2 > EXCESS * floor2 and start2 - end2 >= ENOUGH * (start2 - min(floor2, end2))
-    if not is_clear and (not is_repeated or is_gone):
-        return JointVerdict(MISSING if acting else ADEQUATE, before, None)
-    top = best or max(forms, key=lambda form: evidence(last, form), default=None)
-    return JointVerdict(UNEXPLAINED_JOINT, before, None if top is None else _shape(last, top, is_clear=is_clear))
+    if is_clear or (is_repeated and not is_gone):
+        verdict, top = UNEXPLAINED_JOINT, best or max(forms, key=lambda form: evidence(last, form), default=None)
+        shape = None if top is None else _shape(last, top, is_clear=is_clear)
+    return JointDiagnosis(joint, verdict, "", rmse(a.bins, a.misfit), None, before, unexplained=shape)
 
 
 def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:

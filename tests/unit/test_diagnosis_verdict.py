@@ -10,8 +10,8 @@ from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, wi
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.diagnose import diagnose, sizes
-from pumaid.diagnosis.records import DOUBTFUL, UNEXPLAINED_JOINT, Transfer
-from pumaid.diagnosis.score_test import ReplicateTest, confirmed_share, replicate_test
+from pumaid.diagnosis.records import DOUBTFUL, UNEXPLAINED_JOINT, Repeats, Transfer
+from pumaid.diagnosis.score_test import confirmed_share, replicate_test
 from pumaid.diagnosis.stepwise import Stepwise, evidence
 from pumaid.diagnosis.verdict import FORMS, forms, free_form_scores, joint_verdict, knot_values, variable
 from pumaid.effect_spec import EffectTerm
@@ -24,13 +24,13 @@ from pumaid.simulation import Hidden
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
 
 
-def shared(field: JointBins, misfit: np.ndarray) -> ReplicateTest | None:
-    """ReplicateTest, whitened by the noise that the repeats show."""
+def shared(field: JointBins, misfit: np.ndarray) -> Repeats | None:
+    """Repeats, whitened by the noise that the repeats show."""
     return replicate_test(field, misfit, noise_of(field, misfit).whiten(field, misfit))
 
 
-def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> ReplicateTest:
-    """ReplicateTest of noise about a course of the position (A) that every run repeats."""
+def of(lab: Lab, seed: int, pattern: float = 0.0, din: Din = DIN) -> Repeats:
+    """Repeats of noise about a course of the position (A) that every run repeats."""
     field = lab.bins()[0]
     drawn = din.draw(np.random.default_rng(seed), field.lengths)
     return shared(field, drawn + pattern * np.sin(4.0 * field.samples.position[:, 0]))
