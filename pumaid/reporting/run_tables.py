@@ -97,13 +97,13 @@ def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:
         longest = max(rejects, key=lambda reject: reject.samples)
         samples = sum(reject.samples for reject in rejects)
         seconds = number(sum(reject.duration for reject in rejects), 4)
-        where = f"{names[longest.origin]}, rows {longest.first_row}–{longest.last_row}"
+        example = f"{names[longest.origin]}, rows {longest.first_row}–{longest.last_row}: {longest.text}"
         counts = [str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds]
-        rows.append([longest.reason, *counts, where, longest.text])
+        rows.append([longest.reason, *counts, example])
     unused = sum(reject.samples for reject in dataset.rejects)
     title = f"Not used: {unused:,} of {read:,} samples ({100 * unused / max(1, read):.1f} %)"
-    header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch", "why")
-    return Table(title, header, rows, words=(0, 5, 6))
+    header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch")
+    return Table(title, header, rows, words=(0, 5))
 
 
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
