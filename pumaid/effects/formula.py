@@ -225,27 +225,28 @@ class _Filler(ast.NodeTransformer):
         return ast.UnaryOp(ast.USub(), size) if value < 0.0 else size
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        node.operand = self.visit(node.operand)
-        return node.operand if _is(node.operand, 0.0) else node
+        self.generic_visit(node)
+        is_zero = isinstance(node.operand, ast.Constant) and node.operand.value == 0.0
+        return node.operand if is_zero else node
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        node.left, node.comparators = self.visit(node.left), [self.visit(other) for other in node.comparators]
+        self.generic_visit(node)
         if all(isinstance(side, ast.Constant) for side in (node.left, *node.comparators)):
             return ast.Constant(float(eval(ast.unparse(node), {})))
         return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        first, second = node.left, node.right = self.visit(node.left), self.visit(node.right)
-        is_product, is_sum = isinstance(node.op, ast.Mult), isinstance(node.op, ast.Add)
-        is_quotient, is_difference = isinstance(node.op, ast.Div), isinstance(node.op, ast.Sub)
-        if ((is_product or is_quotient) and _is(first, 0.0)) or (is_product and _is(second, 0.0)):
-            return ast.Constant(0.0)
-        if (is_product and _is(first, 1.0)) or (is_sum and _is(first, 0.0)):
-            return second
-        if ((is_product or is_quotient) and _is(second, 1.0)) or ((is_sum or is_difference) and _is(second, 0.0)):
-            return first
-        return ast.UnaryOp(ast.USub(), second) if is_difference and _is(first, 0.0) else node
-
-
-def _is(node: ast.expr, value: float) -> bool:
-    return isinstance(node, ast.Constant) and node.value == value
+        self.generic_visit(node)
+        match node:
+            case ast.BinOp(ast.Constant(0.0), ast.Mult() | ast.Div()) | ast.BinOp(_, ast.Mult(), ast.Constant(0.0)):
+                return ast.Constant(0.0)
+            case (
+                ast.BinOp(ast.Constant(1.0), ast.Mult(), other)
+                | ast.BinOp(ast.Constant(0.0), ast.Add(), other)
+                | ast.BinOp(other, ast.Mult() | ast.Div(), ast.Constant(1.0))
+                | ast.BinOp(other, ast.Add() | ast.Sub(), ast.Constant(0.0))
+            ):
+                return other
+            case ast.BinOp(ast.Constant(0.0), ast.Sub(), other):
+                return ast.UnaryOp(ast.USub(), other)
+        return node
