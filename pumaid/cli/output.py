@@ -92,7 +92,7 @@ def spare_inputs(
     """Refuse to write over what the command reads, under that name or another, before anything is computed.
 
     `places` is where the command writes (``-`` and none are no files), `read` the files that it works from; the user's
-    own effects are taken for granted. ResultError [output-is-input] where a place is one of the files, [file-exists]
+    own effects are taken for granted. ResultError [file-exists] where a place is one of the files, or
     where one of the places `new` is taken.
     """
     for place in new:
@@ -112,7 +112,7 @@ def spare_inputs(
         if taken:
             what = f"{place} is an input (log, recipe, plan, model ...), which a result must not replace"
             also = "" if taken[0] == place else f": it is {taken[0]}"
-            raise ResultError("output-is-input", what + also, Where(file=str(place)), "write to another file")
+            raise ResultError("file-exists", what + also, Where(file=str(place)), "write to another file")
 
 
 @contextmanager

@@ -106,13 +106,12 @@ def restore(results: Path, number: int) -> Path:
 
     A current model that is in no archive is archived first.
     """
-    read_history(results)
+    paths = {rung.number: rung.path for ladder in read_history(results).ladders for rung in ladder.rungs}
+    if number not in paths:
+        what = f"there is no model {number}; there are {', '.join(map(str, sorted(paths)))}"
+        raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
     with locked(results / FOLDER):
         _archive(results / CURRENT)
-        paths = {entry.number: entry.path for entry in _entries(results / FOLDER)[0]}
-        if number not in paths:
-            what = f"there is no model {number}; there are {', '.join(map(str, paths))}"
-            raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
         write_file(results / CURRENT, paths[number].read_bytes())
     return results / CURRENT
 
@@ -202,8 +201,7 @@ def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
     """The archive in order of numbers, and what cannot be used."""
     entries: dict[int, Rung] = {}
     notes: list[Note] = []
-    paths = [path for path in folder.iterdir() if path.name[0] != "."] if folder.is_dir() else []
-    for path in sorted(paths, key=lambda path: (_number(path), path.name)):
+    for path in sorted(folder.glob("[!.]*"), key=lambda path: (_number(path), path.name)):
         number = _number(path)
         try:
             estimate, digest = _read(path)

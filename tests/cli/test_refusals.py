@@ -23,7 +23,7 @@ BAD_INPUT = {
     "export recipe.yaml --format c": "file-damaged",
     f"export {MODEL} --format c --recipe ur5e": "model-other-recipe",
     f"export {MODEL} --format urdf --torque-constants 1,2,3": "torque-constants",
-    f"export {MODEL} --format json -o {MODEL} --force": "output-is-input",
+    f"export {MODEL} --format json -o {MODEL} --force": "file-exists",
     "plan --minutes 0.1 -o p.yaml": "--minutes",
     "plan --payload=-1,0,0,0 -o p.yaml": "-1.00 kg",
     "plan --payload=1e300,1e300,0,0 -o p.yaml": "plan-impossible",

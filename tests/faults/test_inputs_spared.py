@@ -29,7 +29,7 @@ def test_an_input_is_not_written_over(arm, monkeypatch, words, place):
     monkeypatch.chdir(arm)
     before = contents(arm)
     found = invoke(*words.split(), place)
-    assert found.exit_code == 3 and "error[output-is-input]" in found.stderr and unclear(found.stderr) == []
+    assert found.exit_code == 3 and "error[file-exists]" in found.stderr and unclear(found.stderr) == []
     assert contents(arm) == before and found.stdout == ""
 
 
@@ -39,7 +39,7 @@ def test_a_link_to_an_input_is_one(arm, is_hard):
     link, before = arm / "other.json", (arm / LOG).read_bytes()
     link.hardlink_to(arm / LOG) if is_hard else link.symlink_to(arm / LOG)
     found = invoke("identify", str(arm / "logs"), "-o", str(link))
-    assert found.exit_code == 3 and "output-is-input" in found.stderr and (arm / LOG).read_bytes() == before
+    assert found.exit_code == 3 and "file-exists" in found.stderr and (arm / LOG).read_bytes() == before
 
 
 def test_a_urdf_is_not_written_over(tmp_path):
@@ -47,7 +47,7 @@ def test_a_urdf_is_not_written_over(tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text("<robot/>", encoding="utf-8")
     found = invoke("init", "--urdf", str(urdf), "--force", "-o", str(urdf))
-    assert found.exit_code == 3 and "output-is-input" in found.stderr and urdf.read_text() == "<robot/>"
+    assert found.exit_code == 3 and "file-exists" in found.stderr and urdf.read_text() == "<robot/>"
 
 
 def test_what_is_no_input_may_be_written(arm, tmp_path):
