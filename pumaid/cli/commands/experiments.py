@@ -215,7 +215,6 @@ def plan(
     from pumaid.design.robot_programs import PROGRAMS
     from pumaid.experiment import Experiment
     from pumaid.io.plan_file import PLAN_NAME, plan_document, plan_text
-    from pumaid.reporting.figures.experiment import posture_figure
     from pumaid.reporting.run_tables import plan_tables
     from pumaid.trajectory import Plan
 
@@ -238,6 +237,8 @@ def plan(
     if path is not None and not is_piped:
         write_result(path, text_of(made, robot), "plan")
     if picture is not None:
+        from pumaid.reporting.figures.experiment import posture_figure  # waits for matplotlib
+
         write_picture(picture, posture_figure(made, robot))
     notes(made.notes)
     if as_json:
