@@ -130,9 +130,9 @@ class Experiment:
         # What is not there is told when it is read, with more to say about it.
         with suppress(PumaidError):
             paths += [self.recipe_path, find_plan([self.folder])]
-        for log in self.logs:
-            with suppress(PumaidError):
-                paths += [path for path in expand([log]) if isinstance(path, Path)] if not is_remote(log) else []
+        with suppress(PumaidError):
+            here = [log for log in self.logs if not is_remote(log)]
+            paths += [path for path in expand(here) if isinstance(path, Path)]
         return [path for path in paths if path is not None]
 
 
@@ -161,13 +161,13 @@ def read_dataset(
         return None
     try:
         dataset, before = load_dataset(path)
+        differ = [name for name, value in made_from.items() if before.get(name) != value]
+        if not differ and before.get("logs") == {str(log): _digest(log) for log in logs}:
+            return dataset
+        why = f"was made with other {' and '.join(differ or ['logs'])}"
     except ValueError as error:
-        tell(f"{path} is damaged ({error}); the logs are read again")
-        return None
-    differ = [name for name, value in made_from.items() if before.get(name) != value]
-    if not differ and before.get("logs") == {str(log): _digest(log) for log in logs}:
-        return dataset
-    tell(f"{path} was made with other {' and '.join(differ or ['logs'])}; the logs are read again")
+        why = f"is damaged ({error})"
+    tell(f"{path} {why}; the logs are read again")
     return None
 
 

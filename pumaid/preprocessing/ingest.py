@@ -85,7 +85,9 @@ def read_file(
 ) -> tuple[Dataset, LogStatistics]:
     """Read and segment one file, whose recordings count from 0; with sums by which its columns are checked."""
     reader, sums = LogReader(path, robot, extra=extra), LogStatistics(robot)
-    return segment(reader, robot, options=options, watch=sums.take), sums
+    dataset = segment(reader, robot, options=options, watch=sums.take)
+    sums.intervals = [facts.interval for facts in dataset.files if facts.interval > 0.0]
+    return dataset, sums
 
 
 def in_order(work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None) -> Iterator[Result]:

@@ -35,8 +35,6 @@ ALONE = 0.05
 SAME_POSTURE, POSTURES = 0.1, 300
 #: Share of a window's velocities that must be numbers, and of its positions that repeat where a position is held.
 VELOCITIES, OFTEN = 0.5, 0.3
-#: Intervals from which the sampling rate is taken.
-INTERVALS = 20_000
 #: Fewest samples of a window that can be flat.
 FLAT = 3
 
@@ -104,7 +102,7 @@ class LogStatistics:
         By joint: the two largest of positive currents, of the sizes of negative ones, and of minus the sizes of those
         that are not zero (A) while moving, and how often each occurs.
     intervals
-        First time steps (s).
+        Median time steps (s) of files, as their readers give them.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -112,7 +110,7 @@ class LogStatistics:
         self.robot, self.origin = robot, ""
         self.totals = {name: np.full(n, EXTREMES.get(name, (None, 0.0))[1]) for name in TOTALS}
         self.totals |= {"products": np.zeros((2 * n, 2 * n)), "copied": np.zeros((n, n)), "compared": np.zeros((n, n))}
-        self.intervals = np.zeros(0)
+        self.intervals: list[float] = []
         self.levels: list[list[Counter[float]]] = [[Counter(), Counter(), Counter()] for _ in range(n)]
         self.groups: defaultdict[int, dict[tuple[int, ...], Floats]] = defaultdict(dict)
         self._rest: Log | None = None
@@ -127,8 +125,6 @@ class LogStatistics:
         if not len(log):
             return
         self.origin = self.origin or log.origin
-        missing = INTERVALS - len(self.intervals)
-        self.intervals = np.concatenate([self.intervals, np.diff(log.time[: missing + 1])])
         self._add(lowest=np.fmin.reduce(log.position), highest=np.fmax.reduce(log.position))
         if self._rest is not None and not log.starts_clock:
             log = Log.joined([self._rest, log])
@@ -141,20 +137,14 @@ class LogStatistics:
         """Add the statistics of another file of the same robot, which must not be fed any more."""
         self.origin = self.origin or other.origin
         self._add(**other.totals)
-        self.intervals = np.concatenate([self.intervals, other.intervals])[:INTERVALS]
+        self.intervals += other.intervals
         for j in range(self.robot.n_joints):
             self.levels[j] = [_largest(a + b) for a, b in zip(self.levels[j], other.levels[j], strict=True)]
             self._add_groups(j, other.groups[j])
 
     def interval(self) -> float:
         """Median time between samples (s), NaN if there is none."""
-        return float(np.median(self.intervals)) if len(self.intervals) else float("nan")
-
-    def agreement(self) -> Floats:
-        """(J, J) correlation of the displacement of joint a with velocity column b; 0 where nothing shows."""
-        n, products = self.robot.n_joints, self.totals["products"]
-        scale = np.sqrt(np.outer(np.diag(products)[:n], np.diag(products)[n:]))
-        return np.divide(products[:n, n:], scale, out=np.zeros_like(scale), where=scale > 0)
+        return float(np.median(self.intervals)) if self.intervals else math.nan
 
     def _add_windows(self, log: Log, edges: Counts) -> None:
         """Add the windows between `edges`; what follows the last edge is no whole window."""
@@ -289,7 +279,9 @@ class JointSignals:
         self.has_moved = bool(self.path > MOVED)
         self.speed = math.sqrt(self.speed_squares / max(self.seconds, 1e-12))
         products = sums.totals["products"]
-        self.integral, self.match = products[n + k, n + k], np.abs(sums.agreement()[k])
+        self.integral, displaced = products[n + k, n + k], np.abs(products[k, n:])
+        scale = np.sqrt(products[k, k] * np.diag(products)[n:])
+        self.match = np.divide(displaced, scale, out=np.zeros(n), where=scale > 0)
         self.agrees = float(self.match[k])  # correlation of displacement and velocity column
         #: Displacement per integrated velocity, NaN where the joint did not move or they do not belong together.
         is_known = self.agrees > AGREES and self.path > 0

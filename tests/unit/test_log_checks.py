@@ -56,6 +56,7 @@ def watched(log: Log, robot: Robot, *, batch: int = 4096) -> list[LogError | Not
     sums = LogStatistics(robot)
     for k in range(0, len(log), batch):
         sums.take(log.part(slice(k, k + batch)))
+    sums.intervals = [float(np.median(np.diff(log.time)))]
     found = findings(sums)
     return [item for item in found if isinstance(item, LogError)] or found
 
