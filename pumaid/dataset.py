@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 from pumaid.errors import Note, Where
 from pumaid.maths import Counts, Floats
 
-#: Fields of a log with a value a sample.
-_SAMPLED = ("rows", "time", "position", "velocity", "current", "temperature", "extra")
+
+def arrays_of(record: Any) -> dict[str, NDArray[Any]]:
+    """The fields of a record that are arrays, by name."""
+    named = {item.name: getattr(record, item.name) for item in fields(record)}
+    return {name: values for name, values in named.items() if isinstance(values, np.ndarray)}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -35,7 +38,7 @@ class Log:
     extra: Floats | None = None  # (N, E) columns that the user asked for besides, in the log's own units
 
     def __post_init__(self) -> None:
-        shapes = {name: values.shape for name in _SAMPLED if (values := getattr(self, name)) is not None}
+        shapes = {name: values.shape for name, values in arrays_of(self).items()}
         expected = dict.fromkeys(("velocity", "current", "temperature"), self.position.shape)
         if any(shape[0] != len(self.time) or shape != expected.get(name, shape) for name, shape in shapes.items()):
             raise ValueError(f"shapes of a log's arrays do not agree: {shapes}")
@@ -45,16 +48,17 @@ class Log:
 
     def part(self, index: slice | Counts) -> Log:
         """Some of the samples, by their numbers."""
-        arrays = {name: values[index] for name in _SAMPLED if (values := getattr(self, name)) is not None}
-        return replace(self, **arrays, starts_clock=False)
+        arrays: dict[str, Any] = {name: values[index] for name, values in arrays_of(self).items()}
+        return replace(self, **arrays | {"starts_clock": False})
 
     @classmethod
     def joined(cls, logs: Sequence[Log]) -> Log:
         """Consecutive batches of one file, of the same quantities, as one."""
         if len(logs) == 1:
             return logs[0]
-        names = [name for name in _SAMPLED if getattr(logs[0], name) is not None]
-        arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(log, name) for log in logs]) for name in arrays_of(logs[0])
+        }
         return replace(logs[0], **arrays)
 
 
@@ -191,7 +195,7 @@ def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any])
     """
     about: dict[str, Any] = {"made_from": made_from, "extra": dataset.extra}
     about |= {name: [asdict(item) for item in getattr(dataset, name)] for name in ("rejects", "files", "notes")}
-    binned = [_arrays(run.bins) for run in dataset.runs]
+    binned = [arrays_of(run.bins) for run in dataset.runs]
     facts = [{item.name: getattr(run, item.name) for item in fields(run)} for run in dataset.runs]
     lengths = [{name: len(values) for name, values in arrays.items()} for arrays in binned]
     about["runs"] = [values | {"bins": bins} for values, bins in zip(facts, lengths, strict=True)]
@@ -232,18 +236,14 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         raise ValueError(f"it cannot be read ({type(error).__name__})") from error
 
 
-def _arrays(bins: Bins) -> dict[str, NDArray[Any]]:
-    """The fields of bins by name, without those that they lack."""
-    named = {item.name: getattr(bins, item.name) for item in fields(bins)}
-    return {name: values for name, values in named.items() if values is not None}
-
-
 def coarser(bins: Bins, size: int) -> Bins:
     """The same in at most `size` bins."""
     if len(bins) <= size:
         return bins
     starts, _ = spans(bins.time, size)
-    columns: dict[str, Any] = {name: finite_means(values, starts, bins.count) for name, values in _arrays(bins).items()}
+    columns: dict[str, Any] = {
+        name: finite_means(values, starts, bins.count) for name, values in arrays_of(bins).items()
+    }
     spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(bins)))
     columns["variance"] += finite_means(spread**2, starts, bins.count)
     return Bins(**columns | {"count": np.add.reduceat(bins.count, starts)})

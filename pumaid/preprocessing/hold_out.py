@@ -17,8 +17,6 @@ SAME_POSTURE = 0.05
 SAME_SPEED, STROKE_SPEED = 0.10, 0.4
 #: Share of a run's travel that must lie inside the planned span.
 INSIDE = 0.5
-#: Share of runs that may be none of the plan's: moves from posture to posture leave some.
-FEW = 0.25
 #: Missing motions, and files, that are named.
 MOST_NAMED = 4
 #: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
@@ -32,8 +30,8 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
 
     A run is a planned motion where joint, posture, direction and speed (within 10 %; of a stroke, whose mean holds the
     ramps, no less than 40 %) agree and at least half of its way lies in the planned span. Of several such motions the
-    nearest in speed and way counts; a run that fits none is left as it is. Notes tell planned motions that were not
-    found, and runs that no motion planned where they are many.
+    nearest in speed and way counts; a run that fits none is left as it is. A note tells planned motions that were
+    not found.
     """
     motions = plan.motions
     if not dataset.runs or not motions:
@@ -43,7 +41,7 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     ends = np.array([(motion.start, motion.end) for motion in motions])
     velocity = np.array([motion.velocity for motion in motions]) * np.sign(ends @ [-1.0, 1.0])
     low, high = ends.min(axis=1), ends.max(axis=1)
-    runs, strays, missing = [], [], np.ones(len(motions), dtype=np.bool_)
+    runs, missing = [], np.ones(len(motions), dtype=np.bool_)
     for run in dataset.runs:
         share, (first, last) = run.speed / velocity, sorted(run.span)
         slower = np.abs(share - 1.0)
@@ -56,7 +54,6 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         fits &= shared >= INSIDE * (last - first)
         away = np.where(fits, slower / SAME_SPEED + 1.0 - shared / whole, np.inf)
         if not np.isfinite(away).any() or run.kind == BLOCK:
-            strays += [run] * (run.kind != BLOCK)
             runs.append(run)
             continue
         purpose = purposes[int(np.argmin(away))]
@@ -64,18 +61,11 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         # Repeats of a motion are as near: each is found once, and a run too many counts for another that it fits.
         free = np.where(missing & (purposes == purpose), away, np.inf)
         missing[int(np.argmin(free))] &= not np.isfinite(free).any()
-    notes, lost = [*dataset.notes], np.flatnonzero(missing).tolist()
-    if lost:
-        ways = {True: "up", False: "down"}
-        named = [f"run {k + 1} (joint {motions[k].joint} {ways[motions[k].end > motions[k].start]})" for k in lost]
-        text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {listed(named, MOST_NAMED)}"
-        notes.append(Note("plan-not-followed", text, Where(field=f"runs[{lost[0] + 1}]")))
-    if len(strays) > FEW * len(runs):
-        text = (
-            f"{len(strays)} of {len(runs)} runs are not in the plan, the first of joint {strays[0].joint} at"
-            f" {strays[0].start:.1f} s; they are fitted; is it the plan of these logs?"
-        )
-        notes.append(Note("plan-not-followed", text, Where(file=strays[0].origin, row=strays[0].first_row)))
+    lost = np.flatnonzero(missing).tolist()
+    ways = {True: "up", False: "down"}
+    named = [f"run {k + 1} (joint {motions[k].joint} {ways[motions[k].end > motions[k].start]})" for k in lost]
+    text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {listed(named, MOST_NAMED)}"
+    notes = [*dataset.notes, *([Note("plan-run-missing", text)] if lost else [])]
     return replace(dataset, runs=tuple(runs), notes=tuple(notes))
 
 
