@@ -131,8 +131,8 @@ class Experiment:
         with suppress(PumaidError):
             paths += [self.recipe_path, find_plan([self.folder])]
         with suppress(PumaidError):
-            here = [log for log in self.logs if not is_remote(log)]
-            paths += [path for path in expand(here) if isinstance(path, Path)]
+            local = [log for log in self.logs if not is_remote(log)]
+            paths += [path for path in expand(local) if isinstance(path, Path)]
         return [path for path in paths if path is not None]
 
 
