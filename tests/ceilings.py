@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25551,
-    "statements": 15652,
+    "lines": 25520,
+    "statements": 15621,
     "modules": 131,
     "import depth": 12,
     "lines of tests and tools": 22230,
