@@ -76,10 +76,9 @@ def command(effect: Effect) -> str:
     """What a user types to have the effect in a model; empty for the effects that every model has."""
     if effect.base:
         return ""
-    if effect.scope is Scope.ARM:
-        return f"pumaid identify logs/ --add {effect.name}"
+    owner = "" if effect.scope is Scope.ARM else f"@{TURNING}"
     shape = "".join(f":{shape.name}={TURNING - 1}" for shape in effect.shapes(ARM, TURNING) if shape.name == "on")
-    return f"pumaid identify logs/ --add {effect.name}@{TURNING}{shape}"
+    return f"pumaid identify logs/ --add {effect.name}{owner}{shape}"
 
 
 def bounds(low: float | None, high: float | None) -> str:

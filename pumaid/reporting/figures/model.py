@@ -169,41 +169,39 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
     Of a joint with blocks of any motion only, one panel a block, against time.
     """
     groups = context.postures(joint)
-    is_free = all(score.run.kind == BLOCK for score in groups[0]) and len(groups) == 1
-    shown = [[score] for score in groups[0][:MOST_POSTURES]] if is_free else groups[:MOST_POSTURES]
-    variable, unit = ("time", "s") if is_free else ("position", context.unit(joint)[1])
+    steady = [group for group in groups if group[0].run.kind != BLOCK]
+    shown = (steady or [[score] for score in groups[0]])[:MOST_POSTURES]
     figure, grid = panels(len(shown), height=2.35 if len(shown) == 1 else 1.85, sharex=True, sharey=True)
     names = " | ".join(dict.fromkeys(context.unit(other.number)[1] for other in context.robot.joints))
     for axes, group in zip(grid.flat, shown, strict=True):
         _course(axes, context, group)
         run = group[0].run
         posture = f"other joints at {posture_text(context.robot, run.posture.tolist(), context.units)} {names}"
-        words = f"block from {run.start:.1f} s" if is_free else posture
+        words = posture if steady else f"block from {run.start:.1f} s"
         axes.text(0.0, 1.02, words, transform=axes.transAxes, fontsize=8.5)
         axes.grid(axis="y")
-    grid[-1, 0].set_xlabel(f"{variable} ({unit})")
+        axes.label_outer()
     grid[0, 0].set_title(shortened(joint_title(context.robot, joint), 40), pad=18)
-    ways = [1, -1] if is_free else [score.run.direction for group in shown for score in group]
+    ways = [score.run.direction for group in shown for score in group] if steady else [1, -1]
     legend(figure, [*direction_handles(ways), Line2D([], [], color=INK, linewidth=1.1, label="predicted")])
     caption = "Dots: measured. Lines: predicted, one a run."
-    if len(groups) > MOST_POSTURES:
-        caption += f" The {MOST_POSTURES} of {len(groups)} postures with most runs."
-    return Drawing(
-        f"current_j{joint}", f"{joint_title(context.robot, joint)}: current against {variable}", caption, figure
-    )
+    if len(steady) > MOST_POSTURES:
+        caption += f" The {MOST_POSTURES} of {len(steady)} postures with most runs."
+    return Drawing(f"current_j{joint}", f"{joint_title(context.robot, joint)}: current", caption, figure)
 
 
 def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> None:
     """Measured (dots) and predicted (lines) current of runs in one posture, or of blocks against time."""
-    axes.set_ylabel("current (A)")
+    joint, is_free = group[0].run.joint, group[0].run.kind == BLOCK
+    scale, unit = context.unit(joint)
+    axes.set(xlabel="time (s)" if is_free else f"position ({unit})", ylabel="current (A)")
     for score in group:
         run, bins = score.run, score.run.bins
-        is_block = run.kind == BLOCK
-        x = bins.time - run.start if is_block else bins.position[:, run.joint - 1] * context.unit(run.joint)[0]
-        ways = np.sign(bins.velocity) if is_block else np.full(len(x), run.direction)
+        x = bins.time - run.start if is_free else scale * bins.position[:, joint - 1]
+        ways = np.sign(bins.velocity) if is_free else np.full(len(x), run.direction)
         order = np.argsort(x)
         steps = np.diff(x[order], prepend=x[order][:1])
-        is_pause = is_block & (steps > 1.5 * np.median(steps))
+        is_pause = is_free & (steps > 1.5 * np.median(steps))
         axes.plot(x[order], np.where(is_pause, np.nan, score.predicted[order]), color=INK, linewidth=0.7, zorder=1.5)
         for sign in (1, -1):
             look: dict[str, Any] = {"colour": COLOURS[sign], "size": 2.6, "limit": -(-2 * MOST_POINTS // len(group))}
