@@ -6,15 +6,13 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from worlds import fit_runs
 
 from pumaid.dataset import Dataset, Log
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
-from pumaid.estimation.gls import fit_bins
 from pumaid.io.write import write_log
-from pumaid.joint_bins import joint_bins
-from pumaid.model import Model
 from pumaid.preprocessing.ingest import ingest
 from pumaid.simulation import Bench, Noise, Truth, simulate, table1
 from pumaid.trajectory import Plan
@@ -50,10 +48,7 @@ def coverage(
             if value.ci95 is not None:
                 ours.setdefault(value.name, []).append(value.ci95[0] <= known[value.name] <= value.ci95[1])
         if seed < white:
-            errors = white_errors(
-                fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
-            )
-            for name, error in errors.items():
+            for name, error in white_errors(fit_runs(truth.robot, runs)).items():
                 deviation = estimate.solution[estimate.names.index(name)] - known[name]
                 theirs.setdefault(name, []).append(abs(deviation) <= 1.96 * error)
     shares = [{name: float(np.mean(hits)) for name, hits in found.items()} for found in (ours, theirs)]
@@ -64,7 +59,7 @@ def bound(truth: Truth, plan: Plan, rate: float) -> tuple[list[str], np.ndarray,
     """Names, true values and Cramer-Rao standard errors of parameters and neighbours' ratios, noise being white."""
     quiet = replace(truth, noise=Noise(np.zeros(truth.robot.n_joints)))
     runs = Bench(quiet, plan, rate=rate).runs(np.random.default_rng(0))
-    fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
+    fitted = fit_runs(truth.robot, runs)
     rows = []
     for row in fitted.joints:
         rows.append(row.bare * np.sqrt(row.bins.count)[:, None] / truth.noise.std[row.bins.joint - 1])
@@ -82,7 +77,7 @@ def losses(truth: Truth, plan: Plan, *, rate: float = 50.0) -> tuple[list[str], 
     errors: dict[str, list[np.ndarray]] = {"joint": [], "first": []}
     for seed in range(COMPARED):
         runs = bench.runs(np.random.default_rng(SEEDS + seed))
-        fitted = fit_bins(Model.of_runs(truth.robot, runs), joint_bins(truth.robot, runs, is_settled=False))
+        fitted = fit_runs(truth.robot, runs)
         assert fitted.first is not None
         for name, solution in (("joint", fitted.solution), ("first", fitted.first.solution)):
             errors[name].append(np.append(solution.values, solution.gains.ratios) - exact)

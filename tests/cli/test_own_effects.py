@@ -113,10 +113,7 @@ def test_history_needs_no_file(braked, tmp_path):
 
 
 def test_the_file_makes_it_known(braked):
-    """With the file named, the model is used as any other; what was put into the log comes back, and the error falls.
-
-    Within four standard errors, and to the noise floor.
-    """
+    """With the file named, what was put into the log comes back within four errors, and the misfit is the noise floor."""
     told = typed(braked, f"compare results/model.json logs --json {KNOWN}")
     assert "unknown-effect" not in told.stderr
     second = json.loads(told.stdout)["joints"][1]
@@ -135,8 +132,7 @@ def test_a_diagnosis_that_names_it_can_be_shown_without_the_file(plain):
 
 def test_a_file_that_has_changed_is_refused(braked, tmp_path):
     """Numbers of a parameter that the file no longer has would stand for something else."""
-    (tmp_path / "brake.py").write_text(
-        OWN.replace('"a", "A/', '"b", "A/').replace("s * a *", "s * b *"), encoding="utf-8"
-    )
+    changed = OWN.replace('"a", "A/', '"b", "A/').replace("s * a *", "s * b *")
+    (tmp_path / "brake.py").write_text(changed, encoding="utf-8")
     told = typed(braked, f"report --effects {tmp_path / 'brake.py'}", code=3).stderr
     assert told.startswith("error[effect-changed]: brake is not what it was") and "brake.j2.b" in told

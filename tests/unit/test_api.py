@@ -49,10 +49,8 @@ def test_strings_and_paths_alike(arm, estimate):
 def test_questions_are_asked_of_the_estimate(estimate, arm):
     """compare, diagnose and plot answer with records that print, and a figure that shows itself."""
     comparison = estimate.compare()
-    assert (
-        isinstance(comparison.record, pumaid.Comparison)
-        and comparison.rmse == estimate.compare(arm.folder / "logs").rmse
-    )
+    assert isinstance(comparison.record, pumaid.Comparison)
+    assert comparison.rmse == estimate.compare(arm.folder / "logs").rmse
     assert "RMSE" in repr(comparison) or "rmse" in repr(comparison)
     diagnosis = estimate.diagnose()
     assert isinstance(diagnosis.findings, tuple) and "joint" in repr(diagnosis).lower()

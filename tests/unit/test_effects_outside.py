@@ -66,9 +66,8 @@ def test_the_manuals_example_is_an_effect(written):
     speeds = np.linspace(0.05, 1.0, len(seen))
     velocity = np.zeros_like(seen.velocity)
     velocity[:, 0] = speeds
-    current = effect.columns(
-        ARM, pumaid.Samples(1, seen.position, velocity, direction=np.ones(len(seen))), shape={"speed": 0.5}
-    )
+    samples = pumaid.Samples(1, seen.position, velocity, direction=np.ones(len(seen)))
+    current = effect.columns(ARM, samples, shape={"speed": 0.5})
     assert speeds[current[:, 0].argmax()] == pytest.approx(0.5, abs=0.05)
 
 
@@ -113,11 +112,7 @@ def test_no_effect_in_the_file(written, tmp_path, name, text, slug, word):
         ("[:, None] ** 2", "", "(24,)"),
         ("return samples.position[:", "return samples.temperature[:, None] * samples.position[:", "not all finite"),
         ("return samples.position[:", "samples.position[0] = 0\n        return samples.position[:", "read-only"),
-        (
-            "return samples.position[:",
-            "return samples.loads.moving[:, None] * samples.position[:",
-            "needs_loads = True",
-        ),
+        ("return samples.pos", "return samples.loads.moving[:, None] * samples.pos", "needs_loads = True"),
         ("    def parameters", '    look_alikes = ("nobody",)\n    def parameters', "nobody"),
         ("    def parameters", "    base = True\n    def parameters", "base"),
         ("    def parameters", "    def grid(self, robot, extent):\n        return ()\n    def parameters", "grid"),
