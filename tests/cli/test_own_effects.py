@@ -113,7 +113,7 @@ def test_history_needs_no_file(braked, tmp_path):
 
 
 def test_the_file_makes_it_known(braked):
-    """With the file named, what was put into the log comes back within four errors, and the misfit is the noise floor."""
+    """With the file named, what was put into the log comes back within four errors; the misfit is the noise floor."""
     told = typed(braked, f"compare results/model.json logs --json {KNOWN}")
     assert "unknown-effect" not in told.stderr
     second = json.loads(told.stdout)["joints"][1]
