@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25520,
-    "statements": 15621,
+    "lines": 25476,
+    "statements": 15596,
     "modules": 131,
     "import depth": 12,
     "lines of tests and tools": 22201,

@@ -33,6 +33,7 @@ _MEND = (
 KeyPath = tuple[str | int, ...]
 #: Path of a fault, sentence, mend.
 Fault = tuple[KeyPath, str, str]
+AngleUnit = Literal["rad", "deg"]
 Form = TypeVar("Form", bound=BaseModel)
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -50,12 +51,6 @@ class StrictForm(BaseModel):
             return data
         nullable = ("velocity", "temperature")
         return {str(k): v for k, v in data.items() if v is not None or k not in cls.model_fields or k in nullable}
-
-
-class FileUnits(StrictForm):
-    """The block `units` of a recipe or plan."""
-
-    angle: Literal["rad", "deg"] = "rad"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from pumaid.errors import LogError, Where, meant
-from pumaid.io.formats import HEAD_BYTES, endings, log_format
+from pumaid.io.formats import HEAD_BYTES, endings, log_format, refusing
 
 #: Stands for standard input.
 STDIN = Path("-")
@@ -81,12 +81,11 @@ def is_remote(argument: object) -> bool:
 
 def _matching(argument: str) -> list[LogPath]:
     """The file of this name, the logs below a folder, or what a glob matches: files, else the logs in its folders."""
-    with _refusals(argument):
+    with refusing(argument):
         store, place = _store(argument)
-        is_named = store.isfile(place)
-        names = sorted([place] if is_named or store.isdir(place) else store.glob(place), key=_order)
-        is_hidden = [PurePath(name).name.startswith(".") and not is_named for name in names]
-        files = [name for name, hidden in zip(names, is_hidden, strict=True) if store.isfile(name) and not hidden]
+        is_place = store.isfile(place) or store.isdir(place)
+        names = sorted([place] if is_place else store.glob(place), key=_order)
+        files = [name for name in names if store.isfile(name)]
         for folder in [] if files else filter(store.isdir, names):
             inside = {os.path.relpath(name, folder): name for name in store.find(folder)}
             files += [inside[path] for path in sorted(filter(is_log, inside), key=_order)]
@@ -154,14 +153,14 @@ def local_copy(path: LogPath) -> Iterator[Path]:
         It cannot be read, or it is of no format that is read.
     """
     name = str(path)
-    with _refusals(name, OSError):
+    with refusing(name, (OSError,)):
         if isinstance(path, Path) and path != STDIN and path.is_file():
             yield path
             return
         store, place = _store(path)
         with tempfile.NamedTemporaryFile(prefix="pumaid-") as copy:
             with (
-                _refusals(name),
+                refusing(name),
                 nullcontext(sys.stdin.buffer) if path == STDIN else store.open(place, "rb") as stream,
             ):
                 head = stream.read(HEAD_BYTES)
@@ -176,23 +175,10 @@ def _store(path: LogPath) -> tuple[Any, str]:
     """The file system of a path or URL, and the place in it; LogError [file-not-readable] where there is none."""
     if not is_remote(path):
         return _Disk, str(path)
-    with _refusals(str(path)):
+    with refusing(str(path)):
         import fsspec
 
         if "::" in str(path):
             raise OSError("an address within another one is not read")
         store, place = fsspec.core.url_to_fs(str(path))
         return store, str(place)
-
-
-@contextmanager
-def _refusals(name: str, kind: type[Exception] = Exception) -> Iterator[None]:
-    """Whatever the system or a store's own library raises, as a refusal [file-not-readable]."""
-    try:
-        yield
-    except (LogError, MemoryError):
-        raise
-    except kind as error:
-        reason = getattr(error, "strerror", None) or f"{error} ({type(error).__name__})"
-        mend = "check path, scheme, permissions and disk; a store may need a package (pip install 'pumaid[dask]')"
-        raise LogError("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error

@@ -11,8 +11,8 @@ from pydantic import Field
 from pumaid import __version__
 from pumaid.errors import ModelError, Note
 from pumaid.io.forms import (
+    AngleUnit,
     Fault,
-    FileUnits,
     Finite,
     KeyPath,
     StrictForm,
@@ -70,7 +70,7 @@ class PlanForm(StrictForm):
     format: Literal[1] = Field(examples=["1"])
     runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
     robot: str = ""
-    units: FileUnits = FileUnits()
+    units: dict[Literal["angle"], AngleUnit] = Field({})
     postures: list[PostureForm] = Field([])
     duration: Finite = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
@@ -83,7 +83,7 @@ def _units(robot: Robot, angle: str) -> list[tuple[str, float]]:
 
 def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
     """What an arm cannot do of a plan."""
-    units = _units(robot, form.units.angle)
+    units = _units(robot, form.units.get("angle", "rad"))
     runs, postures = [(("runs", index), entry) for index, entry in enumerate(form.runs)], enumerate(form.postures)
     entries: list[tuple[KeyPath, HoldForm]] = [*runs, *((("postures", index), entry) for index, entry in postures)]
     for path, entry in entries:
@@ -133,7 +133,7 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     for key in _NOT_READ:
         document.data.pop(key, None)
     form = validated(PlanForm, document, "plan-wrong", between=partial(_faults, robot=robot))
-    scales = [scale for _, scale in _units(robot, form.units.angle)]
+    scales = [scale for _, scale in _units(robot, form.units.get("angle", "rad"))]
 
     def held(entry: HoldForm) -> tuple[float, ...]:
         return tuple(value * scale for value, scale in zip(entry.hold, scales, strict=True))
@@ -157,7 +157,7 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
     """A plan for a robot as the text of its file, in deg and m: YAML, or with `format` ``"csv"`` a row a run without
     the reasons and the forecast, units in the columns' names.
     """
-    entries = _entries(plan, robot, "deg")
+    entries = plan_document(plan, robot, angle="deg")
     if format == "csv":
         units = [unit for unit, _ in _units(robot, "deg")]
         holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
@@ -187,18 +187,8 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
     return "\n".join(lines) + "\n"
 
 
-def plan_document(plan: Plan, robot: Robot) -> dict[str, Any]:
-    """A plan as the document of ``--json``: angles in rad, SI otherwise."""
-    return {
-        **_entries(plan, robot, "rad"),
-        "pumaid": __version__,
-        "recipe": {"file": robot.origin, "sha256": robot.digest},
-        "notes": [note.as_json() for note in plan.notes],
-    }
-
-
-def _entries(plan: Plan, robot: Robot, angle: str) -> dict[str, Any]:
-    """What a plan's document holds, positions in the unit `angle`, or m."""
+def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, Any]:
+    """A plan as the document of ``--json``: angles in the unit `angle`, SI otherwise."""
     scales = [scale for _, scale in _units(robot, angle)]
 
     def head(entry: Motion | Posture) -> dict[str, Any]:
@@ -224,6 +214,9 @@ def _entries(plan: Plan, robot: Robot, angle: str) -> dict[str, Any]:
         "expected_std_errors": dict(plan.expected),
         "unseen": dict(plan.unseen),
         "assumptions": list(plan.assumptions),
+        "pumaid": __version__,
+        "recipe": {"file": robot.origin, "sha256": robot.digest},
+        "notes": [note.as_json() for note in plan.notes],
     }
 
 

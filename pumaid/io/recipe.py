@@ -17,8 +17,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 from pumaid.errors import RecipeError, Where, meant
 from pumaid.io.forms import (
     MAX_BYTES,
+    AngleUnit,
     Fault,
-    FileUnits,
     Finite,
     StrictForm,
     file_name,
@@ -176,16 +176,16 @@ def _coupling(key: str, info: ValidationInfo) -> str:
     return key
 
 
-def _unit(word: str, info: ValidationInfo) -> str:
-    """A unit word of a quantity."""
-    key = str(info.field_name)
-    turning, sliding = _DIMENSIONS[key.removeprefix("prismatic_")]
-    slides = key.startswith("prismatic_") or _arm(info).kinds == {"prismatic"}
-    fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
-    if word not in fitting:
-        mend = f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity"
-        raise refusal(f"{word[:40]!r} is no unit of {key} here", mend)
-    return word
+def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+    """Unit words by quantity."""
+    for key, word in words.items():
+        turning, sliding = _DIMENSIONS[key.removeprefix("prismatic_")]
+        slides = key.startswith("prismatic_") or _arm(info).kinds == {"prismatic"}
+        fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
+        if word not in fitting:
+            mend = f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity"
+            raise refusal(f"{word[:40]!r} is no unit of {key} here", mend)
+    return words
 
 
 def _like(*examples: str, default: Any = ..., **more: Any) -> Any:
@@ -206,7 +206,7 @@ Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
 Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
 Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
 Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
-Unit = Annotated[str, AfterValidator(_unit)]
+Quantity = Literal["time", "position", "velocity", "prismatic_position", "prismatic_velocity", "current", "temperature"]
 JointName = Annotated[str, _check(is_joint_name, "'{}' cannot name a joint", "use a word, such as shoulder")]
 Direction = Annotated[Vector, _check(any, "the axis {} has no direction", "write it as [0, 0, 1]")]
 Gravity = Annotated[
@@ -260,25 +260,6 @@ class JointForm(StrictForm):
         return self
 
 
-class LogUnits(StrictForm):
-    """The block `log.units`."""
-
-    time: Unit = "s"
-    position: Unit | None = None
-    velocity: Unit | None = None
-    prismatic_position: Unit | None = None
-    prismatic_velocity: Unit | None = None
-    current: Unit = "A"
-    temperature: Unit = "degC"
-
-
-class LogSigns(StrictForm):
-    """The block `log.signs`."""
-
-    position: Signs | None = None
-    current: Signs | None = None
-
-
 class LogForm(StrictForm):
     """The block `log`."""
 
@@ -287,8 +268,8 @@ class LogForm(StrictForm):
     velocity: Template | None = "qd{joint}"
     current: Template = "i{joint}"
     temperature: Template | None = "temp{joint}"
-    units: LogUnits = LogUnits()
-    signs: LogSigns = _like("{position: [1, -1, ...]}", default=LogSigns())
+    units: Annotated[dict[Quantity, str], AfterValidator(_units)] = _like(default={})
+    signs: dict[Literal["position", "current"], Signs] = _like("{position: [1, -1, ...]}", default={})
 
 
 class EffectForm(StrictForm):
@@ -342,7 +323,7 @@ class RecipeForm(StrictForm):
     joints: list[JointForm] = _like(
         "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip", min_length=1, max_length=50
     )
-    units: FileUnits = _like("{angle: deg}", default=FileUnits())
+    units: dict[Literal["angle"], AngleUnit] = _like("{angle: deg}", default={})
     log: LogForm = _like("its keys below it, indented", default=LogForm())
     effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
     safety: SafetyForm = _like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
@@ -428,21 +409,22 @@ def _joints(forms: Sequence[JointForm], names: Sequence[str]) -> tuple[tuple[Joi
 
 def _log_format(form: LogForm, joints: tuple[Joint, ...]) -> LogFormat:
     """With units filled in: velocity follows position, prismatic joints default to metres."""
-    position = form.units.position or "rad"
-    velocity = form.units.velocity or f"{position}/s"
-    sliding = form.units.prismatic_position or (position if position in ("m", "mm") else "m")
-    units = {
+    fields = form.model_dump()
+    words: dict[str, str] = fields["units"]
+    position = words.get("position", "rad")
+    velocity = words.get("velocity", f"{position}/s")
+    sliding = words.get("prismatic_position", position if position in ("m", "mm") else "m")
+    fields["units"] = {
+        "time": "s",
+        "current": "A",
+        "temperature": "degC",
         "position": position,
         "velocity": velocity,
         "prismatic_position": sliding,
         "prismatic_velocity": velocity if velocity in ("m/s", "mm/s") else f"{sliding}/s",
+        **words,
     }
-    return LogFormat(
-        **form.model_dump(exclude={"units", "signs"}),
-        units=units | form.units.model_dump(exclude_none=True),
-        signs=form.signs.model_dump(exclude_none=True),
-        names=tuple(joint.name for joint in joints),
-    )
+    return LogFormat(**fields, names=tuple(joint.name for joint in joints))
 
 
 def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:

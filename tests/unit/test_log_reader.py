@@ -331,8 +331,8 @@ REFUSED = {
     "xz": (lzma.compress(b"t,q1,i1\n"), "not-a-log", "compressed by xz"),
     "spreadsheet": (b"PK\x03\x04rest", "not-a-log", "spreadsheet"),
     "binary": (b"t,q1\x00\x01", "not-a-log", "binary"),
-    "cut parquet": (b"PAR1" + bytes(100), "not-a-log", "cut off or altered"),
-    "cut gzip": (gzip.compress(b"t,q1,i1\n" + b"0,0,1\n" * 9999)[:-20], "not-a-log", "cut off or altered"),
+    "cut parquet": (b"PAR1" + bytes(100), "file-not-readable", "damaged"),
+    "cut gzip": (gzip.compress(b"t,q1,i1\n" + b"0,0,1\n" * 9999)[:-20], "file-not-readable", "damaged"),
 }
 
 

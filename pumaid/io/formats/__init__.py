@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, Note, PumaidError, Where
 from pumaid.maths import Counts, Floats
 
 if TYPE_CHECKING:
@@ -114,24 +114,25 @@ def floats(column: pa.Array) -> Floats:
 
 
 @contextmanager
-def refusing_damage(name: str) -> Iterator[None]:
-    """Refuse what Arrow cannot read of a file; where it gets no memory, the file is not called damaged for that.
+def refusing(name: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
+    """Whatever of some kinds the system, Arrow or a store's own library raises, as a refusal; but not a lack of memory.
 
     Raises
     ------
-    LogError [not-a-log]
-        It is cut off or altered.
+    LogError [file-not-readable]
+        It is not there, refused, cut off or altered.
     """
-    import pyarrow as pa
-
     try:
         yield
-    except pa.ArrowMemoryError:
+    except (PumaidError, MemoryError):
         raise
-    except (pa.ArrowException, OSError, EOFError) as error:
-        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
-        mend = "the file was cut off or altered: record, copy or export it again"
-        raise LogError("not-a-log", f"{name} cannot be read to its end: {reason}", Where(file=name), mend) from error
+    except kinds as error:
+        reason = getattr(error, "strerror", None) or f"{str(error)[:200]} ({type(error).__name__})"
+        mend = (
+            "check path, permissions and disk; copy or export a damaged file again; a store may need a package of its"
+        )
+        mend += " own (pip install 'pumaid[dask]')"
+        raise LogError("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error
 
 
 @cache

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats, refusing_damage
+from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats, refusing
 from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
@@ -119,7 +119,7 @@ class CsvLog(LogSource):
         """The bytes, unpacked."""
         import pyarrow as pa
 
-        with self.path.open("rb") as stream, refusing_damage(self.name):
+        with self.path.open("rb") as stream, refusing(self.name, (pa.ArrowException, OSError, EOFError)):
             is_packed = stream.read(2) == _GZIP
             stream.seek(0)
             yield pa.input_stream(stream, compression="gzip" if is_packed else None)

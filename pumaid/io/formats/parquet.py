@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pumaid.errors import LogError, Where
-from pumaid.io.formats import Batch, LogColumn, LogSource, floats, refusing_damage
+from pumaid.io.formats import Batch, LogColumn, LogSource, floats, refusing
 from pumaid.maths import Floats
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class ParquetLog(LogSource):
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        with refusing_damage(self.name):
+        with refusing(self.name, (pa.ArrowException, OSError)):
             source = pa.OSFile(os.fsencode(self.path))
             options = {"pre_buffer": False, "page_checksum_verification": True}  # of pages that have a checksum
             self._file = pq.ParquetFile(source, buffer_size=_BUFFER_BYTES, **options)
@@ -43,10 +43,12 @@ class ParquetLog(LogSource):
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`."""
+        import pyarrow as pa
+
         first = 2
         batches = self._file.iter_batches(_BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False)
         while True:
-            with refusing_damage(self.name):
+            with refusing(self.name, (pa.ArrowException, OSError)):
                 batch = next(batches, None)
             if batch is None:
                 return
