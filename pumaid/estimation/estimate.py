@@ -157,7 +157,7 @@ def _joint_fit(result: EffectFit, joint: int, covered: Sequence[Run], prediction
         return JointFit(**figures | nothing)
     return JointFit(
         **figures,
-        run_level=None if joint in fitted.weak else float(np.sqrt(fitted.levels[joint].level)),
+        run_level=None if joint in fitted.weak else float(fitted.noises[joint].level[0]),
         posture_groups=outer_postures(covered),
         kinds=dict(sorted(Counter(run.kind for run in prediction.bins.runs if not run.heldout).items())),
     )

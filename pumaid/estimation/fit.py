@@ -12,8 +12,7 @@ import numpy as np
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
-from pumaid.estimation import noise as noises
-from pumaid.estimation.noise import Levels, NoiseModel, reduced
+from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, pseudo_inverse
 from pumaid.model import Model, loads_at
@@ -80,9 +79,19 @@ class Row:
         )
         return replace(self, design=design, regressors=regressors, moved=None)
 
-    def whitened(self, levels: Levels, values: Floats) -> Floats:
+    def noise(self, sample: float, level: float = 0.0, freedoms: int = 0) -> NoiseModel:
+        """The noise with other variances, of a sample (over that of `inner`) and of the level that a run shares (A2).
+
+        Never below what is rounding of the joint's current.
+        """
+        least = max(EXACT**2 * self.bins.mean_square, np.finfo(float).tiny ** 0.5)
+        sample = max(sample, least / float(np.median(self.inner.spread)) ** 2)
+        spread, shared = self.inner.spread * np.sqrt(sample), np.full(len(self.inner.spread), np.sqrt(level))
+        return replace(self.inner, spread=spread, level=shared, sample=sample, freedoms=freedoms)
+
+    def whitened(self, noise: NoiseModel, values: Floats) -> Floats:
         """(R k, q) of (R, k, q) by what a whole fit leaves."""
-        return noises.whiten(levels, self.ones, values).reshape(self.target.size, -1)
+        return noise.whiten_reduced(self.ones, values).reshape(self.target.size, -1)
 
     @property
     def joined(self) -> Floats:
@@ -121,12 +130,12 @@ class FitRow:
 class Fit:
     """A weighted fit: everything else is a question asked of it.
 
-    `rows` has a row for each joint that moves, outermost first, `levels` the variances by joint (from 1) that the fit
+    `rows` has a row for each joint that moves, outermost first, `noises` the noise by joint (from 1) that the fit
     is weighted by; of `weak` joints the level a run could not be estimated (too few runs). `assigned` (J,) is the joint
     (from 0) in whose gain link j's parameters are: its own or, where that never moves, the next inner one that does and
     feels them; -1 where there is none. `system` holds the whitened rows, `prior` (P,) the inverse of the prior standard
     deviation of each parameter and ratio as for `fit_bilinear`, `limit` (p,) the standard error at which each parameter
-    says nothing any more. Noise of joints in `from_replicates` comes from repeated runs.
+    says nothing any more.
 
     `first` is the recursion, where the fit began with it. Its `absorbed` maps a column (from 0) that it leaves open to
     the ratios (i, j) of gains (joints from 1) whose loads it absorbs.
@@ -135,7 +144,7 @@ class Fit:
     model: Model
     rows: tuple[Row, ...]
     assigned: Counts
-    levels: dict[int, Levels]
+    noises: dict[int, NoiseModel]
     weak: tuple[int, ...]
     system: Bilinear
     solution: JointSolution
@@ -143,7 +152,6 @@ class Fit:
     limit: Floats
     first: Fit | None = None
     absorbed: Mapping[int, list[tuple[int, int]]] = field(default_factory=dict)
-    from_replicates: frozenset[int] = frozenset()
 
     @property
     def gains(self) -> Gains:
@@ -207,23 +215,10 @@ class Fit:
         plus, minus = (values.get(f"coulomb.j{term.number}.{way}", 0.0) for way in ("plus", "minus"))
         return signs * (np.sign(plus - minus) if term.effect.opposes_motion else 1.0)
 
-    @property
-    def noises(self) -> dict[int, NoiseModel]:
-        """Of the bins of each joint (from 1)."""
-        out = dict[int, NoiseModel]()
-        for row in self.rows:
-            levels, inner, from_pairs = self.levels[row.joint], row.inner, row.joint in self.from_replicates
-            level = np.full(len(inner.spread), np.sqrt(levels.level))
-            out[row.joint] = replace(
-                inner, spread=inner.spread * np.sqrt(levels.sample), level=level, from_replicates=from_pairs
-            )
-        return out
-
     @cached_property
     def by_bin(self) -> dict[int, FitRow]:
         """Joint (from 1) -> the fit at its bins."""
-        noises = self.noises
-        return {row.joint: self.at(row.bins, row.design, noise=noises[row.joint]) for row in self.rows}
+        return {row.joint: self.at(row.bins, row.design, noise=self.noises[row.joint]) for row in self.rows}
 
     def with_rows(self, rows: Mapping[int, FitRow]) -> Fit:
         """The same fit with some joints' rows by bin replaced."""
@@ -249,7 +244,7 @@ class Fit:
             design, bins = design_of(self.model, bins, self), replace(bins, samples=with_loads(self, bins))
         local = Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
         bare, misfit = local.jacobian(self.gains, self.values), local.left(self.values, self.gains)
-        noise = noise or noises.noise_of(bins, misfit)
+        noise = noise or noise_of(bins, misfit)
         white = noise.whiten(bins, np.column_stack([bare, misfit]))
         return FitRow(bins, noise, white[:, :-1], white[:, -1], bare, misfit)
 

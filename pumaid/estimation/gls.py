@@ -8,9 +8,8 @@ from scipy import special
 
 from pumaid.effect_spec import scale_of
 from pumaid.effects import Scope
-from pumaid.estimation import noise as noises
 from pumaid.estimation.fit import Fit, Row, clusters, design_of, plausible, with_loads
-from pumaid.estimation.noise import Levels, NoiseModel
+from pumaid.estimation.noise import NoiseModel, estimate, excess, freedoms, inside_runs, noise_of
 from pumaid.joint_bins import JointBins
 from pumaid.maths import (
     LARGEST_RATIO,
@@ -87,7 +86,7 @@ def fit_bins(
     rows = tuple(_row(model, part, before) for part in sorted(bins, key=lambda part: -part.joint))
     assigned = assign(model, [row.joint for row in rows])
     owners, limit = owners_of(model, assigned), limits(rows, model)
-    paper, start, levels, weak = _recursions(model, rows, owners, limit, tell=tell)
+    paper, start, noises, weak = _recursions(model, rows, owners, limit, tell=tell)
     # Columns left open by their own row; and weights of rows that were solved with an open load taken for known.
     gains, absorbed = paper.gains, dict[int, list[tuple[int, int]]]()
     is_load, is_open = np.array([c.effect == "gravity" for c in model.columns]), paper.undetermined.copy()
@@ -96,9 +95,9 @@ def fit_bins(
             is_open |= is_load & (paper.owners == gains.parent[edge])
     for n in np.flatnonzero(is_open).tolist():
         absorbed[n] = [(row + 1, root + 1) for row, root in paper.redundant if row == paper.owners[n]]
-    system, prior = system_of(rows, levels, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
+    system, prior = system_of(rows, noises, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
     solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
-    first = Fit(model, rows, assigned, levels, tuple(weak), system, solution, prior, limit, absorbed=absorbed)
+    first = Fit(model, rows, assigned, noises, tuple(weak), system, solution, prior, limit, absorbed=absorbed)
     fitted = replace(first, first=first, absorbed={})
     if recursive:
         return fitted
@@ -116,9 +115,9 @@ def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel
     design = design_of(model, bins, before)
     if noise is not None:
         return Row.of(bins, design, noise)
-    inner, slow = noises.inside_runs(bins, design)
+    inner, slow = inside_runs(bins, design)
     row = Row.of(bins, design, inner, slow=slow)
-    times = noises.excess(row.regressors, row.target, counts=row.counts, is_other=bins.accelerates)
+    times = excess(row.regressors, row.target, counts=row.counts, is_other=bins.accelerates)
     if times == 1.0:
         return row
     # What the model misses where joints accelerate comes again in each such run, and does not average out.
@@ -129,23 +128,23 @@ def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel
 
 def _recursions(
     model: Model, rows: Sequence[Row], owners: Counts, limit: Floats, *, tell: Progress
-) -> tuple[Recursion, Recursion, dict[int, Levels], list[int]]:
+) -> tuple[Recursion, Recursion, dict[int, NoiseModel], list[int]]:
     """The paper's recursion, one whose weakly shown ratios cannot run off, the noise by joint, and weak joints."""
     columns = model.columns
     solved = np.where([column.shape is not None for column in columns], -1, owners)
     paper, start = (Recursion(solved, model.robot.n_joints) for _ in range(2))
     is_load = np.array([column.effect == "gravity" for column in columns])
-    levels, weak = dict[int, Levels](), []
+    noises, weak = dict[int, NoiseModel](), []
     for row in rows:
         tell(row.joint, "solving")
         number = row.joint - 1
         design = start.design(number, row.regressors.reshape(row.target.size, -1))[0].reshape(*row.target.shape, -1)
-        estimated = noises.estimate(row.ones, design, row.target, counts=row.counts)
+        estimated = estimate(row.ones, design, row.target, counts=row.counts)
         if estimated is None:
             weak.append(row.joint)
-            estimated = Levels(row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1))
-        levels[row.joint] = floored(estimated, row)
-        white = row.whitened(levels[row.joint], row.joined)
+            estimated = row.slow, 0.0, max(int(row.bins.lengths.sum() - row.counts.sum()) // 4, 1)
+        noises[row.joint] = row.noise(*estimated)
+        white = row.whitened(noises[row.joint], row.joined)
         paper.take(number, white[:, :-1], white[:, -1], limit=limit)
         start.take(number, white[:, :-1], white[:, -1], limit=limit, spread=RATIO_SPREAD)
         # Where only the product of a ratio and its load is known, it is shared out so that the ratio is a usual one:
@@ -156,35 +155,35 @@ def _recursions(
             if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
                 start.values[load] *= gains.edge[root]
                 gains.edge[root] = USUAL_RATIO
-    return paper, start, levels, weak
+    return paper, start, noises, weak
 
 
 def _refined(fitted: Fit, start: Recursion) -> Fit:
     """The joint fit from a recursion, with weights from its own residuals."""
     values, gains, weights = start.values, start.gains, fitted.prior[: len(start.values)]
-    levels = fitted.levels
-    inside = {row.joint: floored(Levels(row.slow, 0.0, levels[row.joint].freedoms), row) for row in fitted.rows}
+    noises = fitted.noises
+    inside = {row.joint: row.noise(row.slow, freedoms=noises[row.joint].freedoms) for row in fitted.rows}
 
-    def with_prior(fitted: Fit, levels: Mapping[int, Levels]) -> Fit:
-        system = system_of(fitted.rows, levels, fitted.system.owners)
+    def with_prior(fitted: Fit, noises: Mapping[int, NoiseModel]) -> Fit:
+        system = system_of(fitted.rows, noises, fitted.system.owners)
         prior = np.append(weights, 1.0 / ratio_spread(system, fitted.values, fitted.gains))
         return replace(fitted, system=system, prior=prior)
 
     fitted = replace(fitted, solution=replace(fitted.solution, values=values, gains=gains))
-    if any(levels[joint].sample > ASTRAY * level.sample for joint, level in inside.items()):
+    if any(noises[joint].sample > ASTRAY * noise.sample for joint, noise in inside.items()):
         fitted = with_prior(fitted, inside)
         limit = reach_of(fitted.limit, fitted.prior)
         values, gains = restarted(fitted.system, values, gains, limit=limit, prior=fitted.prior)
         fitted = releveled(replace(fitted, solution=replace(fitted.solution, values=values, gains=gains)))
-    fitted = with_prior(fitted, fitted.levels)
+    fitted = with_prior(fitted, fitted.noises)
     for _ in range(ROUNDS):
         fitted = releveled(_solved(fitted, fitted.values, fitted.gains))
     return _solved(fitted, fitted.values, fitted.gains)
 
 
 def _solved(fitted: Fit, values: Floats, gains: Gains) -> Fit:
-    """The fit of its own model, with its own levels and prior, from these parameters and ratios."""
-    system = system_of(fitted.rows, fitted.levels, owners_of(fitted.model, fitted.assigned))
+    """The fit of its own model, with its own noise and prior, from these parameters and ratios."""
+    system = system_of(fitted.rows, fitted.noises, owners_of(fitted.model, fitted.assigned))
     limit = reach_of(fitted.limit, fitted.prior)
     return replace(fitted, system=system, solution=fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior))
 
@@ -207,21 +206,22 @@ def refit(
     if noise is None and bins is None and not is_renewed:
         given = {row.joint: row.inner for row in before.rows}
     rows = tuple(_row(model, part, before, noise=given.get(part.joint)) for part in chosen)
-    levels = dict(before.levels)
-    for joint, part in (noise or {}).items():
-        levels[joint] = Levels(1.0, float(part.level[0]) ** 2, levels[joint].freedoms)
+    noises = dict[int, NoiseModel]()
+    for row in rows:
+        old, part = before.noises[row.joint], (noise or {}).get(row.joint)
+        sample, level = (old.sample, old.level[0]) if part is None else (1.0, part.level[0])
+        noises[row.joint] = row.noise(sample, float(level) ** 2, old.freedoms)
     limit, start = limits(rows, model), dict(zip(before.model.names, before.values, strict=True))
     values = np.array([0.0 if column.shape else start.get(column.name, 0.0) for column in model.columns])
     prior = np.append(priors(model, limit), before.prior[len(before.values) :])
-    repeated = frozenset(joint for joint, part in (noise or {}).items() if part.from_replicates)
-    fitted = replace(before, model=model, rows=rows, levels=levels, prior=prior, limit=limit, from_replicates=repeated)
+    fitted = replace(before, model=model, rows=rows, noises=noises, prior=prior, limit=limit)
     return _solved(fitted, values, before.gains)
 
 
 def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
     """A fit weighted by what repeated runs differ by, where there are enough of them, as tests of effects need it."""
     first = fit_bins(model, bins)
-    return refit(first, model, noise={row.bins.joint: noises.noise_of(row.bins, row.misfit) for row in first.joints})
+    return refit(first, model, noise={row.bins.joint: noise_of(row.bins, row.misfit) for row in first.joints})
 
 
 def with_errors(fitted: Fit) -> Fit:
@@ -237,11 +237,11 @@ def with_errors(fitted: Fit) -> Fit:
         else row
         for row in fitted.rows
     )
-    system, start = system_of(rows, fitted.levels, fitted.system.owners), 0
+    system, start = system_of(rows, fitted.noises, fitted.system.owners), 0
     jacobian, residual = system.jacobian(fitted.gains, fitted.values), system.left(fitted.values, fitted.gains)
     for row in rows:
         if row.moved is not None:
-            jacobian[start : start + row.target.size] += row.whitened(fitted.levels[row.joint], row.moved)
+            jacobian[start : start + row.target.size] += row.whitened(fitted.noises[row.joint], row.moved)
         start += row.target.size
     weights = priors(fitted.model, fitted.limit, is_tight=False)
     prior = np.append(weights, fitted.prior[len(weights) :])
@@ -306,9 +306,9 @@ def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:
     return np.array([held is not None for held in places]) * firm / limit
 
 
-def system_of(rows: Sequence[Row], levels: Mapping[int, Levels], owners: Counts) -> Bilinear:
+def system_of(rows: Sequence[Row], noises: Mapping[int, NoiseModel], owners: Counts) -> Bilinear:
     """The rows whitened by each joint's own noise."""
-    stacked = np.vstack([row.whitened(levels[row.joint], row.joined) for row in rows])
+    stacked = np.vstack([row.whitened(noises[row.joint], row.joined) for row in rows])
     number = np.concatenate([np.full(row.target.size, row.joint - 1) for row in rows])
     return Bilinear(number, stacked[:, :-1], stacked[:, -1], owners)
 
@@ -318,7 +318,7 @@ def releveled(fitted: Fit) -> Fit:
 
     What priors keep from fitting is left here, too: they count as equations of one run more, with the noise so far.
     """
-    out, values, gains, owners = dict(fitted.levels), fitted.values, fitted.gains, fitted.system.owners
+    out, values, gains, owners = dict(fitted.noises), fitted.values, fitted.gains, fitted.system.owners
     for row in fitted.rows:
         flat = row.regressors.reshape(row.target.size, -1)
         plain = Bilinear(np.full(len(flat), row.joint - 1), flat, row.target.ravel(), owners)
@@ -326,7 +326,7 @@ def releveled(fitted: Fit) -> Fit:
         columns = np.append(np.flatnonzero(owners == row.joint - 1), edges).astype(int)
         design = plain.jacobian(gains, values)[:, columns].reshape(*row.target.shape, -1)
         residual = plain.left(values, gains).reshape(row.target.shape)
-        weights = fitted.prior[columns] * (columns < len(values)) * np.sqrt(fitted.levels[row.joint].sample)
+        weights = fitted.prior[columns] * (columns < len(values)) * np.sqrt(fitted.noises[row.joint].sample)
         last = np.diag(weights)[weights > 0.0]
         ones, counts = row.ones, row.counts
         if len(last):
@@ -334,17 +334,10 @@ def releveled(fitted: Fit) -> Fit:
             design, residual, ones = np.pad(design, wide), np.pad(residual, wide[:2]), np.pad(ones, wide[:2])
             design[-1, : len(last)], residual[-1, : len(last)] = last, -last @ np.append(values, gains.ratios)[columns]
             counts = np.append(counts, len(last))
-        estimated = noises.estimate(ones, design, residual, counts=counts)
+        estimated = estimate(ones, design, residual, counts=counts)
         if estimated is not None:
-            out[row.joint] = floored(estimated, row)
-    return replace(fitted, levels=out)
-
-
-def floored(levels: Levels, row: Row) -> Levels:
-    """Never below what is rounding of the joint's current."""
-    spread = float(np.median(row.inner.spread))
-    least = max(noises.EXACT**2 * row.bins.mean_square, np.finfo(float).tiny ** 0.5) / spread**2
-    return replace(levels, sample=max(levels.sample, least))
+            out[row.joint] = row.noise(*estimated)
+    return replace(fitted, noises=out)
 
 
 def reach_of(limit: Floats, prior: Floats) -> Floats:
@@ -480,12 +473,12 @@ def covariance_of(fitted: Fit) -> tuple[Floats, Floats]:
     poor = dof < FEWEST_FREEDOMS
     joints = np.array([*fitted.system.owners, *solution.gains.uppers])
     for row in fitted.rows:
-        levels, chosen = fitted.levels[row.joint], np.flatnonzero(poor & (joints == row.joint - 1))
+        noise, chosen = fitted.noises[row.joint], np.flatnonzero(poor & (joints == row.joint - 1))
         if len(chosen):
             J = solution.jacobian[start : start + row.target.size].reshape(*row.target.shape, -1)
-            estimated = np.full(len(joints), float(levels.freedoms))
+            estimated = np.full(len(joints), float(noise.freedoms))
             if row.joint not in fitted.weak:
-                estimated = noises.freedoms(levels, ones=row.ones, jacobian=J, inverse=fitted.inverse)
-            dof[chosen] = np.clip(estimated[chosen], 1.0, float(levels.freedoms))
+                estimated = freedoms(noise, ones=row.ones, jacobian=J, inverse=fitted.inverse)
+            dof[chosen] = np.clip(estimated[chosen], 1.0, float(noise.freedoms))
         start += row.target.size
     return completed(fitted.inverse, covariance, poor) if poor.any() else covariance, dof

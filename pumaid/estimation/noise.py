@@ -45,13 +45,15 @@ SAME_COST, RANK = 1e-6, 1e-9
 class NoiseModel:
     """Noise of one joint: of each run (R,) the correlation of neighbouring bins, and the standard deviations (A) of a
     bin (`spread`) and of the level that the run shares; `from_replicates`, else from residuals, which hold missing
-    physics too.
+    physics too. `sample` is the variance over that of the noise by which rows were reduced, `freedoms` are behind both.
     """
 
     correlation: Floats
     spread: Floats
     level: Floats
     from_replicates: bool = False
+    sample: float = 1.0
+    freedoms: int = 0
 
     def whiten(self, bins: JointBins, values: Floats) -> Floats:
         """(N, ...) values times the inverse root of the noise's covariance, run by run."""
@@ -91,6 +93,17 @@ class NoiseModel:
         density = self.spread[near] ** 2 * (1.0 + rho) / (1.0 - rho) / ratio
         spread = np.sqrt(density * (1.0 - fresh) / (1.0 + fresh))
         return NoiseModel(fresh, spread, self.level[near], self.from_replicates)
+
+    def whiten_reduced(self, ones: Floats, rows: Floats) -> Floats:
+        """Reduced rows (R, k, q) times the inverse root of each run's covariance sample I + level^2 1 1'.
+
+        (R, k) `ones` is each run's constant in its own rows.
+        """
+        length2 = np.sum(ones * ones, axis=1)
+        safe = np.where(length2 > 0.0, length2, 1.0)
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + self.level**2 / self.sample * length2)) / safe
+        along = (shrink[:, None, None] * ones[:, None, :]) @ rows
+        return np.asarray((rows - ones[:, :, None] * along) / np.sqrt(self.sample))
 
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried
@@ -226,29 +239,8 @@ def _variance_of_mean(rho: Floats | float, n: Floats) -> Floats:
     return np.asarray(((1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**n) / (n * (1.0 - rho) ** 2)) / n)
 
 
-@dataclass(frozen=True, slots=True)
-class Levels:
-    """Variances of one joint's current: of a sample (low-frequency noise, A2) and of the level that a run shares (A2).
-
-    `freedoms` are the degrees of freedom behind them.
-    """
-
-    sample: float
-    level: float
-    freedoms: int
-
-
-def whiten(levels: Levels, ones: Floats, rows: Floats) -> Floats:
-    """Rows (R, k, q) times the inverse root of each run's covariance sample I + level 1 1', with (R, k) `ones`."""
-    length2 = np.sum(ones * ones, axis=1)
-    safe = np.where(length2 > 0.0, length2, 1.0)
-    shrink = (1.0 - 1.0 / np.sqrt(1.0 + levels.level / levels.sample * length2)) / safe
-    along = (shrink[:, None, None] * ones[:, None, :]) @ rows
-    return np.asarray((rows - ones[:, :, None] * along) / np.sqrt(levels.sample))
-
-
-def estimate(ones: Floats, design: Floats, target: Floats, *, counts: Counts) -> Levels | None:
-    """Restricted maximum likelihood of the two variances.
+def estimate(ones: Floats, design: Floats, target: Floats, *, counts: Counts) -> tuple[float, float, int] | None:
+    """Restricted maximum likelihood of the variances of a sample and of the level of a run, and their freedoms.
 
     `ones` (R, k) is each run's constant in its own rows, `design` (R, k, q), `target` (R, k); of the k rows `counts`
     (R,) are true, the others zero. None where fewer than `FEWEST_FREEDOMS` degrees of freedom are left.
@@ -283,7 +275,7 @@ def estimate(ones: Floats, design: Floats, target: Floats, *, counts: Counts) ->
     ratios = np.array([np.exp(middle), 0.0])
     costs, samples = profile(ratios)
     simplest = int(costs[1] <= costs.min() + SAME_COST)
-    return Levels(float(samples[simplest]), float(ratios[simplest] * samples[simplest]), freedoms)
+    return float(samples[simplest]), float(ratios[simplest] * samples[simplest]), freedoms
 
 
 def excess(design: Floats, target: Floats, *, counts: Counts, is_other: Flags) -> float:
@@ -309,7 +301,7 @@ def excess(design: Floats, target: Floats, *, counts: Counts, is_other: Flags) -
     return times
 
 
-def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:
+def freedoms(noise: NoiseModel, *, ones: Floats, jacobian: Floats, inverse: Floats) -> Floats:
     """(p,) Satterthwaite degrees of freedom of each parameter's variance where the noise's working model gives it.
 
     `ones` (R, k) is each run's constant, not whitened, `jacobian` (R, k, p) whitened, `inverse` (p, p) the inverse
@@ -319,7 +311,7 @@ def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats)
     R. Fai, J. Stat. Comput. Simul. 54 (1996) 363-378.
     """
     n_runs, k, p = jacobian.shape
-    root = whiten(levels, ones, np.broadcast_to(np.eye(k), (n_runs, k, k)))  # V^-1/2 of each run
+    root = noise.whiten_reduced(ones, np.broadcast_to(np.eye(k), (n_runs, k, k)))  # V^-1/2 of each run
     along = root @ ones[:, :, None]
     parts = np.stack([root @ root, along @ along.transpose(0, 2, 1)])
     basis = _orthonormal(jacobian)
@@ -330,11 +322,11 @@ def freedoms(levels: Levels, *, ones: Floats, jacobian: Floats, inverse: Floats)
     info = 0.5 * (products[0] - 2.0 * products[1] + products[2])
     pulled = jacobian @ inverse
     slopes = np.einsum("rkq,arkl,rlq->aq", pulled, parts, pulled, optimize=True)
-    if levels.level == 0.0:
+    if not noise.level.any():
         variance_of = slopes[0] ** 2 / info[0, 0]
     else:
         variance_of = np.einsum("aq,ab,bq->q", slopes, np.linalg.pinv(info), slopes)
-    variance = slopes[0] * levels.sample + slopes[1] * levels.level
+    variance = slopes[0] * noise.sample + slopes[1] * noise.level[0] ** 2
     return np.divide(2.0 * variance**2, variance_of, out=np.full(p, np.inf), where=variance_of > 0)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg, optimize, stats
 
 from pumaid.estimation.gls import clustered, interval, recursion_covariance, two_sided
-from pumaid.estimation.noise import Levels, estimate, excess, freedoms, whiten
+from pumaid.estimation.noise import NoiseModel, estimate, excess, freedoms
 from pumaid.maths import Bilinear, Recursion
 
 RUNS, ROWS = 12, 3
@@ -16,6 +16,11 @@ COUNTS = np.full(RUNS, ROWS)
 SAMPLE, LEVEL = 0.04, 0.01
 
 
+def stated(sample: float, level: float, count: int = RUNS * ROWS - 4) -> NoiseModel:
+    """With these two variances."""
+    return NoiseModel(np.zeros(RUNS), np.ones(RUNS), np.full(RUNS, np.sqrt(level)), sample=sample, freedoms=count)
+
+
 def draw(rng: np.random.Generator, *, level: float = LEVEL) -> np.ndarray:
     noise = np.sqrt(SAMPLE) * rng.normal(size=(RUNS, ROWS))
     return noise + np.sqrt(level) * rng.normal(size=(RUNS, 1)) * ONES
@@ -23,11 +28,7 @@ def draw(rng: np.random.Generator, *, level: float = LEVEL) -> np.ndarray:
 
 def covariance(sample: float, level: float) -> np.ndarray:
     """(R k, R k) dense."""
-    whole = sample * np.eye(RUNS * ROWS)
-    for run in range(RUNS):
-        rows = slice(run * ROWS, (run + 1) * ROWS)
-        whole[rows, rows] += level * np.outer(ONES[run], ONES[run])
-    return whole
+    return sample * np.eye(RUNS * ROWS) + level * linalg.block_diag(*(np.outer(part, part) for part in ONES))
 
 
 def dense_likelihood(target: np.ndarray, sample: float, level: float, *, more: np.ndarray | float = 0.0) -> float:
@@ -59,7 +60,7 @@ def test_variances_are_the_dense_optimum(seed):
         return dense_likelihood(target, *np.exp(logs))
 
     best = optimize.minimize(dense, np.log([SAMPLE, LEVEL]), method="Nelder-Mead", options={"maxiter": 900})
-    assert dense(np.log([found.sample, found.level])) <= best.fun + 1e-3
+    assert dense(np.log(found[:2])) <= best.fun + 1e-3
 
 
 @pytest.mark.parametrize("unit", [1e-11, 1e11])
@@ -67,19 +68,19 @@ def test_units_of_columns_do_not_matter(unit):
     """A regressor in another unit, such as a load of a weak motor, leaves the variances alone."""
     target, columns = draw(np.random.default_rng(6)), np.array([1.0, unit, 1.0, 1.0])
     plain, scaled = (estimate(ONES, DESIGN * c, target, counts=COUNTS) for c in (1.0, columns))
-    assert (scaled.sample, scaled.level) == pytest.approx((plain.sample, plain.level), rel=1e-6)
+    assert scaled == pytest.approx(plain, rel=1e-6)
 
 
 def test_data_without_noise():
     """Exact data have no variance; nothing divides by it."""
     target = DESIGN @ [1.0, 2.0, -1.0, 0.5]
     found = estimate(ONES, DESIGN, target, counts=COUNTS)
-    assert 0.0 < found.sample < 1e-20 and found.level < 1e-20
+    assert 0.0 < found[0] < 1e-20 and found[1] < 1e-20
 
 
 def test_whitened_rows_have_unit_covariance():
     """The whitener is the inverse root of sample I + level 1 1'."""
-    root = whiten(Levels(SAMPLE, LEVEL, 9), ONES, np.broadcast_to(np.eye(ROWS), (RUNS, ROWS, ROWS)))
+    root = stated(SAMPLE, LEVEL).whiten_reduced(ONES, np.broadcast_to(np.eye(ROWS), (RUNS, ROWS, ROWS)))
     for run in range(RUNS):
         rows = slice(run * ROWS, (run + 1) * ROWS)
         assert root[run] @ covariance(SAMPLE, LEVEL)[rows, rows] @ root[run].T == pytest.approx(np.eye(ROWS), abs=1e-10)
@@ -89,14 +90,14 @@ def test_freedoms_are_those_of_drawn_variances():
     """Satterthwaite: 2 mean^2 / variance of a parameter's estimated variance over draws is its degrees of freedom."""
     # Levels well above the noise: where the estimate sticks at zero the formula is no more than a guide.
     level = 0.04
-    truth = Levels(SAMPLE, level, RUNS * ROWS - 4)
-    white = whiten(truth, ONES, DESIGN)
+    truth = stated(SAMPLE, level)
+    white = truth.whiten_reduced(ONES, DESIGN)
     inverse = np.linalg.inv(np.einsum("rkp,rkq->pq", white, white))
     told = freedoms(truth, ones=ONES, jacobian=white, inverse=inverse)
     drawn = []
     for n in range(500):
         found = estimate(ONES, DESIGN, draw(np.random.default_rng(900 + n), level=level), counts=COUNTS)
-        again = whiten(found, ONES, DESIGN)
+        again = stated(*found).whiten_reduced(ONES, DESIGN)
         drawn.append(np.diag(np.linalg.inv(np.einsum("rkp,rkq->pq", again, again))))
     variances = np.array(drawn)
     # 500 draws know a variance to some 10 %; the formula is first order in 1/freedoms of about 10 to 30.
