@@ -22,8 +22,7 @@ def stated(sample: float, level: float, count: int = RUNS * ROWS - 4) -> NoiseMo
 
 
 def draw(rng: np.random.Generator, *, level: float = LEVEL) -> np.ndarray:
-    noise = np.sqrt(SAMPLE) * rng.normal(size=(RUNS, ROWS))
-    return noise + np.sqrt(level) * rng.normal(size=(RUNS, 1)) * ONES
+    return np.sqrt(SAMPLE) * rng.normal(size=(RUNS, ROWS)) + np.sqrt(level) * rng.normal(size=(RUNS, 1)) * ONES
 
 
 def covariance(sample: float, level: float) -> np.ndarray:
@@ -73,8 +72,7 @@ def test_units_of_columns_do_not_matter(unit):
 
 def test_data_without_noise():
     """Exact data have no variance; nothing divides by it."""
-    target = DESIGN @ [1.0, 2.0, -1.0, 0.5]
-    found = estimate(ONES, DESIGN, target, counts=COUNTS)
+    found = estimate(ONES, DESIGN, DESIGN @ [1.0, 2.0, -1.0, 0.5], counts=COUNTS)
     assert 0.0 < found[0] < 1e-20 and found[1] < 1e-20
 
 
@@ -89,8 +87,7 @@ def test_whitened_rows_have_unit_covariance():
 def test_freedoms_are_those_of_drawn_variances():
     """Satterthwaite: 2 mean^2 / variance of a parameter's estimated variance over draws is its degrees of freedom."""
     # Levels well above the noise: where the estimate sticks at zero the formula is no more than a guide.
-    level = 0.04
-    truth = stated(SAMPLE, level)
+    level, truth = 0.04, stated(SAMPLE, 0.04)
     white = truth.whiten_reduced(ONES, DESIGN)
     inverse = np.linalg.inv(np.einsum("rkp,rkq->pq", white, white))
     told = freedoms(truth, ones=ONES, jacobian=white, inverse=inverse)
