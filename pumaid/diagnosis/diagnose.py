@@ -29,7 +29,7 @@ from pumaid.diagnosis.records import (
     Size,
     Unexplained,
 )
-from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Step, Stepwise, misfit_with
+from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Stepwise, misfit_with
 from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
@@ -283,10 +283,9 @@ class DiagnosisBuilder:
         self.verdicts = {
             joint: joint_verdict(self.fits[0], self.fits[-1], joint=joint, acting=joint in acting) for joint in joints
         }
+        partial = [item for item in search.accepted if item.transfer and item.transfer.is_partial]
         self.refuted = {joint for item in search.denied for joint in item.after} - acting
-        for item in search.accepted:
-            if item.transfer and item.transfer.is_partial:
-                self.refuted |= set(item.after)
+        self.refuted |= {joint for item in partial for joint in item.after}
 
     def finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
         """What to add, the `place`-th (from 0) that was found."""
@@ -363,17 +362,12 @@ class DiagnosisBuilder:
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
         """What was found, what runs held out denied, and what came near, at one joint."""
-        search, steps = self.search, self.search.steps
-        adding = {step.chosen.key: step for step in steps if step.chosen is not None}
-        judged = [(item, step) for step in reversed(steps) for item in reversed(step.evaluated)]
-        judged += [(item, steps[0]) for item in reversed(search.denied)]
-        judged += [(item, adding.get(item.key, steps[0])) for item in reversed(search.accepted)]
-        by_key = {item.key: (item, step) for item, step in judged if joint in item.after}
-        order = {key: n for n, key in enumerate(reversed([item.key for item, _ in judged if joint in item.after]))}
-        best = sorted(
-            by_key, key=lambda key: (self._verdict(by_key[key][0]) != ADD, -by_key[key][0].evidence, order[key])
-        )
-        return tuple(self._candidate(*by_key[key]) for key in best[:LISTED])
+        search = self.search
+        judged = [item for step in reversed(search.steps) for item in reversed(step.evaluated)]
+        judged += [*reversed(search.denied), *reversed(search.accepted)]
+        by_key = {item.key: item for item in judged if joint in item.after}
+        best = sorted(by_key.values(), key=lambda item: (self._verdict(item) != ADD, -item.evidence))
+        return tuple(self._candidate(item) for item in best[:LISTED])
 
     def _partner(self, candidate: EvaluatedCandidate) -> EvaluatedCandidate | None:
         """What was added of which it is a rival."""
@@ -385,12 +379,13 @@ class DiagnosisBuilder:
             return ADD
         return DOUBTFUL if self._partner(candidate) is not None or candidate.p_value <= LEVEL else ABSENT
 
-    def _candidate(self, candidate: EvaluatedCandidate, step: Step) -> Candidate:
+    def _candidate(self, candidate: EvaluatedCandidate) -> Candidate:
         partner, verdict, like = self._partner(candidate), self._verdict(candidate), candidate.rivals
         if partner is not None:
             like = (partner, *(rival for rival in partner.rivals if rival.key != candidate.key))
-        beside = [item for item in self.search.accepted if item.after.keys() & candidate.after.keys()]
-        better = max(beside, key=lambda item: item.evidence, default=step.chosen)
+        accepted = self.search.accepted
+        beside = [item for item in accepted if item.after.keys() & candidate.after.keys()]
+        better = max(beside or accepted, key=lambda item: item.evidence, default=None)
         why = reason(candidate, None if verdict == ADD or partner or better is None else better.key[0])
         return Candidate(**self._facts(candidate, like), verdict=verdict, reason=why)
 

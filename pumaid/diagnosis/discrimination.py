@@ -224,8 +224,6 @@ def showing(fit: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> Next
     """
     robot, effect, joint = fit.model.robot, catalogue()[wanted.effect], wanted.joint or 0
     parameters, shapes = effect.parameters(robot, joint), effect.shapes(robot, joint)
-    if not parameters or effect.applies(robot, joint) is not None:
-        return None
     sizes = np.array([parameter.example for parameter in parameters])
     sizes = sizes * values.get(parameters[0].name, sizes[0]) / (sizes[0] or 1.0)
     term = EffectTerm(effect, wanted.joint, {item.name: item.example for item in shapes})
@@ -287,11 +285,7 @@ class Separation:
 
     def gains(self, counts: Floats) -> Floats:
         """(M,) twice the log likelihood that the rival loses when candidates are made `counts` (M, L) times."""
-        squares = self._squares(np.vstack([0 * counts[:1], counts]))
-        return np.asarray(np.maximum(squares[1:] - squares[0], 0.0) / self.scale)
-
-    def _squares(self, counts: Floats) -> Floats:
-        """(M,) least sum of squares of the rival over its shapes, less that of the data before any fit."""
+        counts = np.vstack([0 * counts[:1], counts])
         p, used = self.width, np.flatnonzero(counts.any(axis=0))
         total = self.data + np.tensordot(counts[:, used], self.grams[used], axes=1)
         size = np.sqrt(np.einsum("mpp->mp", total[:, :p, :p]))
@@ -299,16 +293,15 @@ class Separation:
         scaled = total[:, :p, :p] * unit[:, :, None] * unit[:, None, :] + _RIDGE * np.eye(p)
         both = total[:, :p, p:] * unit[:, :, None]
         beyond = total[:, p:, p:] - np.swapaxes(both, 1, 2) @ np.linalg.solve(scaled, both)
-        square = beyond[:, 0, 0]
-        if not self.shapes:
-            return np.asarray(square)
-        places = 1 + np.arange(len(self.data) - p - 1).reshape(self.shapes, -1)
-        gram = beyond[:, places[:, :, None], places[:, None, :]]
-        is_seen = np.einsum("mspp->msp", gram) > ABSORBED * total[:, p:, p:][:, places, places]
-        gram = gram * (is_seen[..., None] & is_seen[..., None, :]) + np.eye(gram.shape[2]) * ~is_seen[..., None]
-        score = np.where(is_seen, beyond[:, places, 0], 0.0)[..., None]
-        explained = (score * np.linalg.solve(gram, score)).sum(axis=(2, 3))
-        return np.asarray(square - explained.max(axis=1))
+        square = beyond[:, 0, 0]  # less that of the data before any fit
+        if self.shapes:
+            places = 1 + np.arange(len(self.data) - p - 1).reshape(self.shapes, -1)
+            gram = beyond[:, places[:, :, None], places[:, None, :]]
+            is_seen = np.einsum("mspp->msp", gram) > ABSORBED * total[:, p:, p:][:, places, places]
+            gram = gram * (is_seen[..., None] & is_seen[..., None, :]) + np.eye(gram.shape[2]) * ~is_seen[..., None]
+            score = np.where(is_seen, beyond[:, places, 0], 0.0)[..., None]
+            square = square - (score * np.linalg.solve(gram, score)).sum(axis=(2, 3)).max(axis=1)
+        return np.asarray(np.maximum(square[1:] - square[0], 0.0) / self.scale)
 
 
 def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bool = False) -> Floats:
