@@ -235,8 +235,7 @@ class Truth:
 
     def gravity_current(self, position: Floats) -> Floats:
         """(N, J) A that carry the weight at `position` (N, J), rad or m, nothing being hidden."""
-        load, _ = gravity_load(self.robot, self.links, position)
-        return load @ np.linalg.inv(self.robot.shaft_speeds) * self.gain
+        return replace(self, hidden=()).carried(position, np.zeros(len(position)))[0]
 
     def hiding(self, hidden: Sequence[Hidden]) -> Truth:
         """The same robot with other hidden effects; values that they do not name are made to show at this robot."""
@@ -319,7 +318,7 @@ class Truth:
         low, high = np.array([span(joint) for joint in robot.joints]).T
         rng = np.random.default_rng(0)
         postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
-        load, (_, across) = self.gravity_current(postures), gravity_load(robot, self.links, postures)
+        load, across = replace(self, hidden=()).carried(postures, np.zeros(_POSTURES))
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
         table = {
             "joint": np.arange(1.0, len(low) + 1.0),
@@ -330,7 +329,7 @@ class Truth:
             "half_span": 0.5 * (high - low),
             "load": np.sqrt(np.mean(load**2, axis=0)),
             "peak_load": np.max(np.abs(load), axis=0),
-            "across": np.sqrt(np.mean((across * self.gain) ** 2, axis=0)),
+            "across": np.sqrt(np.mean(across**2, axis=0)),
             "last_mass": np.full(len(low), self.links.mass[-1]),
             "reach": np.full(len(low), float(np.abs(robot.placements[:, :3, 3]).sum()) or 1.0),
         }
