@@ -68,8 +68,8 @@ def facts(effect: Effect) -> dict[str, Any]:
 def _numbers(item: Parameter | Shape) -> dict[str, Any]:
     """What a parameter and a shape have in common."""
     low, high = (limit if math.isfinite(limit) else None for limit in (item.low, item.high))
-    words = {"name": item.name, "unit": item.unit, "meaning": item.meaning}
-    return words | {"low": low, "high": high, "example": item.example}
+    shared = {"name": item.name, "unit": item.unit, "meaning": item.meaning, "example": item.example}
+    return shared | {"low": low, "high": high}
 
 
 def command(effect: Effect) -> str:

@@ -384,13 +384,13 @@ def budget_table(comparison: Comparison, robot: Robot) -> Table | None:
     rows: list[Row] = []
     loud = {joint: budget for joint, budget in joints.items() if not is_noise_only(budget)}
     for joint, budget in loud.items():
-        head = joint_label(robot, joint)
-        for part in sorted(budget.parts, key=lambda part: (not part.is_more, -part.mean_square)):
-            share = part_share(budget, part)
+        parts = [part for part in budget.parts if part.mean_square > 0.0]
+        parts.sort(key=lambda part: (not part.is_more, -part.mean_square))
+        for part in parts:
+            share, head = part_share(budget, part), joint_label(robot, joint) if part is parts[0] else ""
             bar = (SIGNIFICANT if part.is_more else NOISE) * max(round(BUDGET_BAR * share), 1)
             words = [sentences.part_text(budget, part), listed(part.points_to if part.is_more else [], "or")]
-            rows += [[head, f"{100.0 * share:.1f} %", bar, *words]] if part.mean_square > 0.0 else []
-            head = "" if rows else head
+            rows.append([head, f"{100.0 * share:.1f} %", bar, *words])
     noise = "the residual is noise, as far as these runs can show"
     texts = [(joint, noise) for joint in joints if joint not in loud]
     texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]

@@ -234,7 +234,9 @@ def residual_figure(context: ReportContext, joints: Sequence[int]) -> Drawing:
             else:
                 axes.set_axis_off()
     ways = direction_handles(way for frame in bins.values() for way in frame["direction"])
-    legend(figure, [*ways, Patch(color=GREY, alpha=0.4, label="noise floor")])
+    has_floor = any(context.comparison.joints[joint - 1].noise_floor is not None for joint in joints)
+    floor = [Patch(color=GREY, alpha=0.4, label="noise floor")] if has_floor else []
+    legend(figure, [*ways, *floor])
     joint = joints[0]
     postures = [group[0].run.posture.tolist() for group in context.postures(joint)[:4]]
     texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]

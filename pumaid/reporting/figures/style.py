@@ -166,9 +166,9 @@ def dots(axes: Axes, x: Any, y: Any, *, colour: str, size: float, alpha: float =
     x, y = np.asarray(x, dtype=float)[::step], np.asarray(y, dtype=float)[::step]
     length = 1e-4 * max(float(np.ptp(x)), 1e-9)  # lines without length are not drawn everywhere
     across, up = np.column_stack([x, x + length, np.nan * x]), np.column_stack([y, y, np.nan * y])
-    look: Any = {"linewidth": size, "solid_capstyle": "round", "zorder": 2}
-    (line,) = axes.plot(across.ravel(), up.ravel(), color=colour, alpha=alpha, **look)
-    line.set_snap(False)  # strokes this short would be snapped to nothing in PNG
+    # Strokes this short would be snapped to nothing in PNG.
+    look: Any = {"linewidth": size, "solid_capstyle": "round", "zorder": 2, "snap": False}
+    axes.plot(across.ravel(), up.ravel(), color=colour, alpha=alpha, **look)
 
 
 def zero_line(axes: Axes, floor: float | None = None) -> None:
