@@ -46,13 +46,14 @@ def _entries(record: object, names: str) -> dict[str, Any]:
 def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
     """Runs, stretches left out and sums for JSON."""
     rejected = by_reason(dataset.rejects)
-    names = "reason text start duration samples joints"
     return {
         "samples": samples_read(dataset),
         "kept": sum(run.samples for run in dataset.runs),
         "runs": [_run_entry(index, run, robot) for index, run in enumerate(dataset.runs, 1)],
         "left_out": {reason: sum(reject.samples for reject in rejects) for reason, rejects in rejected.items()},
-        "rejects": [_entries(reject, names) | _place(reject) for reject in dataset.rejects],
+        "rejects": [
+            _entries(reject, "reason text start duration samples joints") | _place(reject) for reject in dataset.rejects
+        ],
         "notes": dataset.notes,
     }
 

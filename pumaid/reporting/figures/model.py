@@ -59,8 +59,8 @@ from pumaid.robot import Robot
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
 EFFECT_NAMES = {"coulomb": "Coulomb friction", "viscous": "viscous friction"}
 
-#: Models in the figure of a history; inch of its width on a page; characters a model's label has for each inch.
-MOST_MODELS, PAGE_WIDTH, LETTERS = 8, 4.9, 9.2
+#: inch of the width of a history on a page; characters that labels of models have for each inch.
+PAGE_WIDTH, LETTERS = 4.9, 9.2
 
 #: Postures of a joint in a figure of currents; bins over position (fine enough for a ripple) and other variables.
 MOST_POSTURES, FINE, COARSE = 3, 48, 14
@@ -137,7 +137,6 @@ def _share_bars(axes: Axes, scores: Sequence[JointScore], colours: dict[str, str
 def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     """The whole arm's error of each model, from the first to the current one, as steps."""
     path = ladder.path
-    path = path if len(path) <= MOST_MODELS else (path[0], *path[1 - MOST_MODELS :])
     figure = Figure(figsize=(width, 3.6), layout="constrained")
     axes, edges = figure.subplots(), np.arange(len(path) + 1)
     values = np.array([list(rung.whole.values()) for rung in path], dtype=float).T
@@ -237,11 +236,10 @@ def residual_figure(context: ReportContext, joints: Sequence[int]) -> Drawing:
     has_floor = any(context.comparison.joints[joint - 1].noise_floor is not None for joint in joints)
     floor = [Patch(color=GREY, alpha=0.4, label="noise floor")] if has_floor else []
     legend(figure, [*ways, *floor])
-    joint = joints[0]
-    postures = [group[0].run.posture.tolist() for group in context.postures(joint)[:4]]
+    postures = [group[0].run.posture.tolist() for group in context.postures(joints[0])[:4]]
     texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]
-    caption = f"Postures ({context.unit(joint)[1]}): {'; '.join(texts)}."
-    return Drawing(f"residual_j{joint}", f"{joint_title(context.robot, joint)}: residual", caption, figure)
+    caption = f"Postures ({context.unit(joints[0])[1]}): {'; '.join(texts)}."
+    return Drawing(f"residual_j{joints[0]}", f"{joint_title(context.robot, joints[0])}: residual", caption, figure)
 
 
 def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
@@ -295,7 +293,6 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
     axes.locator_params(axis="x", nbins=6)  # small currents have long labels
     axes.set_xlabel(name, labelpad=1)
     axes.set_ylabel(CURRENT)
-    # The same scale above and below zero, with room for 99 % of the residuals.
     top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
     axes.set_ylim(-top, top)
 
