@@ -282,11 +282,10 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
         if column.place is not None and column.shape is not None:
             term = model.effects[column.place]
             out.append(scale_of(term.shapes(model.robot)[column.shape], term.shape[column.shape]))
-        elif column.place is not None:
-            out.append(plausible([(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows], column.span))
-        elif column.effect == INERTIA:
-            peaks = [(row.bins, float(np.abs(row.design[:, index]).max())) for row in rows if row.joint == column.owner]
-            out.append(plausible(peaks, np.inf))
+        elif column.place is not None or column.effect == INERTIA:
+            felt = [row for row in rows if column.place is not None or row.joint == column.owner]
+            peaks = [(row.bins, float(np.abs(row.design[:, index]).max())) for row in felt]
+            out.append(plausible(peaks, column.span))
         else:
             in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)
