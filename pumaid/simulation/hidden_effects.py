@@ -83,17 +83,16 @@ class Kind(Enum):
 
     FRICTION = "opposes the motion, by a size in A"
     LOAD = "draws a current whatever the motion"
-    BODY = "changes what weighs, or where it stands"
+    ROBOT = "changes what weighs, where it stands, or when its current is stamped"
     CURRENT = "changes the motor's whole current"
-    CLOCK = "stamps the current late"
 
 
 class Law(NamedTuple):
     """One law, which acts in the current of the joint that its value ``on`` names; without such a value in its own."""
 
     kind: Kind
-    # (N,) A by the joint's state, the whole current before a law that changes it, and the values; none for laws of
-    # bodies and clocks, which the virtual robot applies itself.
+    # (N,) A by the joint's state, the whole current before a law that changes it, and the values; none for laws that
+    # the virtual robot applies itself.
     current: Callable[..., Floats] | None = None
     is_of_arm: bool = False  # the whole arm's and not a joint's
     needs_masses: bool = False  # constants in amperes do not do
@@ -128,14 +127,14 @@ LAWS = {
     "counterbalance": Law(Kind.LOAD, _counterbalance),
     "presliding": Law(Kind.FRICTION, lambda at, a, travel: -a * np.exp(-at.travel / travel)),
     "inertia": Law(Kind.LOAD, lambda at, J: at.side * J * at.acceleration),
-    "delay": Law(Kind.CLOCK),
+    "delay": Law(Kind.ROBOT),
     "warmup": Law(Kind.FRICTION, lambda at, a, time_constant: a * np.exp(-at.time / time_constant)),
     "friction_step": Law(Kind.FRICTION, lambda at, a, time: a * (at.time > time)),
     "thermal_friction": Law(Kind.FRICTION, lambda at, a: a * (at.temperature - AMBIENT)),
-    "tilt": Law(Kind.BODY, is_of_arm=True),
-    "zero_offset": Law(Kind.BODY),
-    "payload": Law(Kind.BODY, is_of_arm=True, needs_masses=True),
-    "flexibility": Law(Kind.BODY),
+    "tilt": Law(Kind.ROBOT, is_of_arm=True),
+    "zero_offset": Law(Kind.ROBOT),
+    "payload": Law(Kind.ROBOT, is_of_arm=True, needs_masses=True),
+    "flexibility": Law(Kind.ROBOT),
     "coupling": Law(Kind.LOAD, lambda at, c, on: c * (at.load + at.friction)),
     "torque_constant_drift": Law(
         Kind.CURRENT,
