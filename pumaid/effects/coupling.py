@@ -1,8 +1,6 @@
 """Gear coupling: a joint's load on another's motor."""
 
-from collections.abc import Mapping
-
-from pumaid.effects import Effect, Extent, Family, Parameter, Scope, Shape, Trace
+from pumaid.effects import Effect, Family, Parameter, Scope, Shape, Trace
 from pumaid.robot import Robot
 
 
@@ -30,11 +28,10 @@ class Coupling(Effect):
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         meaning = "number of the joint whose current changes"
         other = 1.0 if number != 1 else 2.0
-        return (Shape("on", "1", meaning, 1.0, float(max(robot.n_joints, 2)), other, is_searched=False),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
         # A drive passes through the joints before its own: those are the motors that can carry it.
-        return tuple({"on": float(i)} for i in reversed(range(1, extent.joint or 1)))
+        before = tuple(float(i) for i in reversed(range(1, number)))
+        last = float(max(robot.n_joints, 2))
+        return (Shape("on", "1", meaning, 1.0, last, other, is_searched=False, starts=before),)
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         first = "joint 1 has no joint before it whose motor could carry its load"

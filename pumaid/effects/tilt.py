@@ -1,8 +1,6 @@
 """Base tilted against gravity."""
 
-from collections.abc import Mapping
-
-from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Scope, Shape, load_refusal
+from pumaid.effects import Effect, Family, Parameter, Scope, Shape, load_refusal
 from pumaid.robot import Robot
 
 #: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
@@ -40,10 +38,7 @@ class Tilt(Effect):
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         meaning = "gain of an upright joint over that of the next joint with a load, which no other current tells"
-        return (Shape("waist", "1", meaning, -30.0, 30.0, 1.0),) if _uprights(robot) else ()
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return tuple({"waist": ratio} for ratio in RATIOS) if _uprights(robot) else (NO_SHAPE,)
+        return (Shape("waist", "1", meaning, -30.0, 30.0, 1.0, starts=RATIOS),) if _uprights(robot) else ()
 
     def formula_in(self, robot: Robot, number: int, joint: int) -> str:
         if joint not in _uprights(robot):
