@@ -62,8 +62,7 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
         free = np.where(missing & (purposes == purpose), away, np.inf)
         missing[int(np.argmin(free))] &= not np.isfinite(free).any()
     lost = np.flatnonzero(missing).tolist()
-    ways = {True: "up", False: "down"}
-    named = [f"run {k + 1} (joint {motions[k].joint} {ways[motions[k].end > motions[k].start]})" for k in lost]
+    named = [f"run {k + 1} (joint {motions[k].joint} {'down' if velocity[k] < 0 else 'up'})" for k in lost]
     text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {listed(named, MOST_NAMED)}"
     notes = [*dataset.notes, *([Note("plan-run-missing", text)] if lost else [])]
     return replace(dataset, runs=tuple(runs), notes=tuple(notes))
