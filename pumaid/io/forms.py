@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -64,8 +64,7 @@ class Document:
 
     def line_of(self, path: KeyPath) -> int:
         """Line (from 1) of the value at `path` (keys and 0-based indices), or of its nearest ancestor that exists."""
-        place: Any = self.root
-        node: Any = self.root
+        place = node = cast(Any, self.root)
         for step in path:
             if isinstance(node, MappingNode):
                 place, node = next((pair for pair in node.value if pair[0].value == step), (place, None))

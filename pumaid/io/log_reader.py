@@ -441,11 +441,11 @@ def _faults(
     if doubled:
         what = f"{name} has column {listed(doubled)} more than once"
         faults.append(LogError("column-missing", what, where, "rename or remove all but one"))
-    for column in wanted["extra"]:
-        if column not in header:
-            mend = meant(column, header)
-            faults.append(LogError("column-missing", f"{name} has no column {column}", where, mend))
-    return faults
+    return faults + [
+        LogError("column-missing", f"{name} has no column {column}", where, meant(column, header))
+        for column in wanted["extra"]
+        if column not in header
+    ]
 
 
 def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:

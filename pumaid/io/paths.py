@@ -83,8 +83,7 @@ def _matching(argument: str) -> list[LogPath]:
     """The file of this name, the logs below a folder, or what a glob matches: files, else the logs in its folders."""
     with refusing(argument):
         store, place = _store(argument)
-        is_place = store.isfile(place) or store.isdir(place)
-        names = sorted([place] if is_place else store.glob(place), key=_order)
+        names = sorted([place] if store.isfile(place) or store.isdir(place) else store.glob(place), key=_order)
         files = [name for name in names if store.isfile(name)]
         for folder in [] if files else filter(store.isdir, names):
             inside = {os.path.relpath(name, folder): name for name in store.find(folder)}

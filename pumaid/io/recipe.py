@@ -478,10 +478,9 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
 
 def _given(given: Path) -> Path:
     shipped = shipped_recipes()
-    if given.is_dir() and (given / RECIPE_NAME).is_file():
-        return given / RECIPE_NAME
-    if str(given) == "-" or (given.exists() and not given.is_dir()):
-        return given
+    place = given / RECIPE_NAME if given.is_dir() else given
+    if str(given) == "-" or place.exists():
+        return place
     if str(given) in shipped:
         return shipped[str(given)]
     mend = f"{meant(given.stem, list(shipped))} (pumaid init --list)"

@@ -110,8 +110,9 @@ class UrdfFile:
     def _joint(self, element: ElementTree.Element) -> UrdfJoint:
         name, kind = (element.get(word, "").strip() for word in ("name", "type"))
         parent, child = (_attribute(element, tag, "link") for tag in ("parent", "child"))
-        follows, moves = _attribute(element, "mimic", "joint"), kind != "fixed"
-        return UrdfJoint(name, kind, parent, child, follows, element, self.file, moves)
+        return UrdfJoint(
+            name, kind, parent, child, _attribute(element, "mimic", "joint"), element, self.file, kind != "fixed"
+        )
 
     def _check(self, joint: UrdfJoint, stated: set[str]) -> None:
         """Refuse a joint of no type, at no link, or that closes a loop."""
