@@ -132,7 +132,7 @@ def test_an_effect_of_the_limits_size_is_found_four_times_in_five(name):
     for share, draws in ((1.0, 20), (0.33, 6)):
         hits[share] = 0
         for seed in range(draws):
-            sign = 1.0 if added.effect.signs({}) else (1.0, -1.0)[seed % 2]
+            sign = 1.0 if any(added.effect.signs({})) else (1.0, -1.0)[seed % 2]
             found = look(lever(), seed, added, sign * share * limit)
             named = [found.chosen, *found.chosen.rivals] if found.chosen is not None else []
             hits[share] += (name, 1) in [one.key for one in named]
