@@ -35,7 +35,7 @@ def is_read_or_refused(path, content: bytes) -> bool:
     try:
         return isinstance(read_model(path), Estimate)
     except PumaidError as refusal:
-        return refusal.slug.startswith("model-")
+        return refusal.slug in ("file-damaged", "model-other-recipe")
 
 
 SEEDED = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
