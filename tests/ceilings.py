@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25430,
-    "statements": 15556,
+    "lines": 25427,
+    "statements": 15552,
     "modules": 131,
     "import depth": 12,
     "lines of tests and tools": 22198,

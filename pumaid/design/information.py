@@ -16,12 +16,10 @@ from pumaid.robot import Robot
 from pumaid.simulation.virtual_robot import Noise, Truth
 from pumaid.trajectory import Motion, Plan, cruise, duration
 
-#: Samples a second that a forecast assumes.
-RATE = 100.0
-#: Points at which a run's regressors are averaged over its span.
-_POINTS = 48
-#: Scaled information below this is rounding.
-_BLIND = 1e-11
+#: Samples a second that a forecast assumes, and points at which a run's regressors are averaged over its span.
+RATE, _POINTS = 100.0, 48
+#: Scaled information below this is rounding; ridge on it.
+_BLIND, _RIDGE = 1e-11, 1e-9
 _FRICTION = (("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("viscous", "minus"))
 
 
@@ -203,14 +201,10 @@ def predicted_errors(truths: Sequence[Truth], motions: Sequence[Motion], names: 
     return {name: float(np.median([table[name] for table in tables])) for name in shared}
 
 
-#: Scaled information below this is rounding.
-_RIDGE = 1e-9
 #: Scores within this share of the best are equal, so that rounding does not decide between two candidates.
 EQUAL = 1e-6
-#: How often a candidate is taken at most.
-_OFTEN = 4
-#: Candidates that are evaluated exactly where slopes have ranked them.
-_EVALUATED = 12
+#: How often a candidate is taken at most, and how many are evaluated exactly where slopes have ranked them.
+_OFTEN, _EVALUATED = 4, 12
 #: Least fall of the value that an exchange must bring, rounds at most, and removals tried a round.
 _ENOUGH, _ROUNDS, _TRIED = 1e-4, 60, 6
 #: Steps of the continuous design, how near its optimum it ends (of a logarithm), the power of a step, and the steps

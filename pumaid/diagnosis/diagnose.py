@@ -11,7 +11,6 @@ import numpy as np
 from pumaid.dataset import CONSTANT, Campaign, Dataset, Run
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.compare import budget
-from pumaid.diagnosis.discrimination import deciding
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
@@ -292,7 +291,11 @@ class DiagnosisBuilder:
         term, transfer = candidate.trial.added, candidate.transfer
         facts = self._facts(candidate, candidate.rivals)
         facts["rmse_heldout_before"], facts["rmse_heldout_after"] = self._errors(place, candidate)
-        rival = next((rival for rival in candidate.rivals if rival.on is candidate.on), None)
+        rival, next_run = next((rival for rival in candidate.rivals if rival.on is candidate.on), None), None
+        if rival is not None:
+            from pumaid.diagnosis.discrimination import deciding  # loads the engine of collisions
+
+            next_run = deciding(rival.on, candidate.trial, rival.trial)
         by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
         fit, keys = self.fits[-1], [effect.key for effect in self.fits[-1].model.effects]
         if term.joint is None and term.key in keys:
@@ -305,7 +308,7 @@ class DiagnosisBuilder:
             **facts,
             verdict=DOUBTFUL if transfer is not None and transfer.is_denied else ADD,
             reason=reason(candidate),
-            next_run=None if rival is None else deciding(rival.on, candidate.trial, rival.trial),
+            next_run=next_run,
             curves=tuple(self._curve(candidate, joint) for joint in by_gain[:PICTURES]),
             transfer=transfer,
         )

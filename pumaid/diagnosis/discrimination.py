@@ -45,10 +45,8 @@ SPEEDS, SLOW, SLOWER = 9, 0.02, 0.5
 MEASURED, DRAWN, TRIED, CAUTION, SHAPES = 5, 9, 160, 1.15, 40
 #: Bins of a run; of a wave of a periodic effect, and at most.
 BINS, A_WAVE, MOST_BINS = 40, 4, 512
-#: Sizes of an effect (SI) that a plan is made for.
-_LEAST, _LARGEST = 1e-12, 1e9
-#: Samples a second and bins a run of a rehearsal.
-_RATE, _BINS = 50.0, 60
+#: Sizes of an effect (SI) that a plan is made for; samples a second and bins a run of a rehearsal.
+_LEAST, _LARGEST, _RATE, _BINS = 1e-12, 1e9, 50.0, 60
 #: Ridge on scaled information; share of the worth of a set that is rounding.
 _RIDGE, _EQUAL = 1e-10, 1e-6
 #: What could tell effects apart where no run within the limits does, by the residual that shows both.
@@ -327,13 +325,15 @@ def _best_set(
     """
     terms, robot = [truth for truth, *_ in pairs], fit.model.robot
     moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
-    tables, waves = [candidates(fit, joint) for joint in moved], [0.0]
+    tables = [candidates(fit, joint) for joint in moved]
     tried = [candidate for table, _ in tables for candidate in table]
     new = frozenset(hold for _, holds in tables for hold in holds)
-    for term in (term for term in terms if term.effect.periodic is not None and term.joint is not None):
-        width = np.ptp(fit.row(term.number).bins.samples.position[:, term.number - 1])
-        waves.append(float(term.shape[str(term.effect.periodic)] * width / (2.0 * np.pi)))
-    bins = int(np.clip(A_WAVE * max(waves), BINS, MOST_BINS))
+    waves = [
+        term.shape[str(term.effect.periodic)] * np.ptp(fit.row(term.number).bins.samples.position[:, term.number - 1])
+        for term in terms
+        if term.effect.periodic is not None and term.joint is not None
+    ]
+    bins = int(np.clip(A_WAVE * max(waves, default=0.0) / (2.0 * np.pi), BINS, MOST_BINS))
     limit = max(TRIED * BINS // bins, 32)
     if len(tried) > limit:
         rng = np.random.default_rng(len(tried))
@@ -406,8 +406,8 @@ def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]
     held = np.clip(held, *np.transpose([arm.limits or (0.0, 0.0) for arm in robot.joints]))
     holds = np.vstack([held, postures(robot, joint, count=DRAWN, rng=np.random.default_rng([41, joint]))])
     holds[:, joint - 1] = home(robot)[joint - 1]
-    been = {tuple(hold) for hold in holds[: len(held)].tolist()}
-    return free_blocks(Collision(robot), holds, ways), {tuple(hold) for hold in holds.tolist()} - been
+    places = [tuple(hold) for hold in holds.tolist()]
+    return free_blocks(Collision(robot), holds, ways), set(places) - set(places[: len(held)])
 
 
 def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) -> tuple[FitRow, Counts]:
