@@ -210,7 +210,8 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
         return steps, what, f"add {key}: {example or '...'}"
     shown = _SHOWN.repr(entry["input"])[:80]
     message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
-    mend = f"write {example or message.removeprefix('it should be ')}"
+    wanted = re.sub("^it should be (?=greater|less)", "a number ", message).removeprefix("it should be ")
+    mend = f"write {example or wanted}"
     if kind == "literal_error":
         mend = meant(shown.strip("'"), context["expected"].replace("'", "").split(" or "))
     return path, f"{dotted(path)} is {shown}: {message}", mend

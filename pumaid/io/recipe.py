@@ -242,7 +242,7 @@ class JointForm(StrictForm):
     theta: Angle | None = None
     name: JointName | None = None
     limits: Limits | None = _like("[lowest, highest]", default=None, strict=False)
-    max_velocity: Angle | None = None
+    max_velocity: Annotated[Angle, Field(gt=0)] | None = None
     gear_ratio: GearRatio | None = None
 
     @model_validator(mode="after")

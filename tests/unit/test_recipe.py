@@ -153,6 +153,7 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
         (("a: 0.2", "a: .inf"), ""),
         (("-9.80665", "-1"), "-9.80665"),
         (("name: boom", "name: waist"), "own name"),
+        (("max_velocity: 1", "max_velocity: -1"), "a number greater than 0"),
         (("name: hand", "name: '3'"), "word"),
         (("alpha: -90", "alpha: -1.5708"), "{angle: deg}"),
         (("units: {angle: deg}\n", ""), "{angle: deg}"),
