@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 15553,
     "modules": 131,
     "import depth": 12,
-    "lines of tests and tools": 22199,
+    "lines of tests and tools": 22058,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

@@ -2,26 +2,16 @@
 
 import hashlib
 import json
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 
 import diagnoses
 import numpy as np
 import pytest
+from test_dataset import same
 
 from pumaid.diagnosis.records import Digest, diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
 from pumaid.results.documents import digest_of, model_digest, write_model
-
-
-def same(a, b) -> bool:
-    """Whether two records hold the same, arrays with their NaN too."""
-    if is_dataclass(a):
-        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    if isinstance(a, np.ndarray):
-        return np.array_equal(a, b, equal_nan=True)
-    if isinstance(a, tuple):
-        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
-    return a == b
 
 
 @pytest.mark.parametrize("told", [diagnoses.rich(), diagnoses.clean()], ids=["rich", "clean"])

@@ -7,24 +7,18 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from test_session import SHORT, session
 
 from pumaid.errors import ModelError
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, Hidden, draw, simulate, table1
+from pumaid.simulation import Bench, Hidden, draw, table1
 from pumaid.simulation.hidden_effects import LAWS, ArmState, parse
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.session import warming
 from pumaid.trajectory import REST, Motion, Plan, run_trapezoid
 
 PUMA = table1.puma560().with_noise(0.0)
-#: Joint 2's motor counts along its motion, joint 3's against it.
-PLAN = Plan(
-    "PUMA 560",
-    (
-        Motion(2, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), -1.0, 1.0, 0.5),
-        Motion(3, (0.0, -0.5, 0.0, 0.3, 0.0, 0.0), 1.0, -1.0, 0.8),
-    ),
-)
+RATE = 100.0
 #: An arm with masses: shoulder, elbow and a wrist out of their plane.
 ARM = Robot(
     "three joints",
@@ -42,21 +36,10 @@ HEAVY_PLAN = Plan(
 )
 
 
-def session(truth, plan=PLAN, **options) -> dict[str, np.ndarray]:
-    """A whole session's arrays."""
-    logs = list(simulate(truth.robot, plan, truth=truth, seed=1, rate=100.0, **options))
-    names = ("time", "position", "velocity", "current", "temperature")
-    return {
-        name: np.concatenate([getattr(log, name) for log in logs])
-        for name in names
-        if getattr(logs[0], name) is not None
-    }
-
-
 @cache
 def plain_session() -> dict[str, np.ndarray]:
     """The session of the arm that hides nothing."""
-    return session(PUMA)
+    return session(PUMA, rate=RATE)
 
 
 def ideal(robot: Robot, plan: Plan) -> ArmState:
@@ -76,7 +59,7 @@ def ideal(robot: Robot, plan: Plan) -> ArmState:
     return ArmState(time, first, *motion_of, np.tile(warming(time)[:, None], robot.n_joints))
 
 
-def static(truth, plan=PLAN) -> dict[str, np.ndarray]:
+def static(truth, plan=SHORT) -> dict[str, np.ndarray]:
     """Motion and current of a robot that follows its plan to the letter."""
     at = ideal(truth.robot, plan)
     names = ("time", "position", "velocity", "acceleration", "travel", "temperature")
@@ -84,7 +67,7 @@ def static(truth, plan=PLAN) -> dict[str, np.ndarray]:
     return {name: getattr(at, name) for name in names} | {"current": current}
 
 
-def difference(effect: str, joint: int | None = None, truth=PUMA, plan=PLAN, **values: float):
+def difference(effect: str, joint: int | None = None, truth=PUMA, plan=SHORT, **values: float):
     """The ideal course with an effect, and (N, J) what the effect added to the currents."""
     motion = static(replace(truth, hidden=(Hidden(effect, joint, values),)), plan)
     return motion, motion["current"] - static(truth, plan)["current"]
@@ -235,7 +218,7 @@ def test_side_load_is_the_moment_across():
 
 def test_delay_stamps_the_current_late():
     """The delayed joint's current is that of some samples before, row by row; other joints' is not."""
-    plain, late = plain_session(), session(replace(PUMA, hidden=(Hidden("delay", 2, {"dt": 0.05}),)))
+    plain, late = plain_session(), session(replace(PUMA, hidden=(Hidden("delay", 2, {"dt": 0.05}),)), rate=RATE)
     assert late["current"][5:, 1] == pytest.approx(plain["current"][:-5, 1], abs=1e-9)
     assert np.array_equal(late["current"][:, 0], plain["current"][:, 0])
     assert np.array_equal(late["position"], plain["position"])
@@ -244,8 +227,8 @@ def test_delay_stamps_the_current_late():
 @cache
 def warmed() -> dict[str, np.ndarray]:
     """The log of a robot whose friction falls as its motors warm."""
-    plan = replace(PLAN, motions=PLAN.motions * 5)
-    return session(replace(PUMA, hidden=(Hidden("thermal_friction", 2, {"a": -0.1}),)), plan)
+    plan = replace(SHORT, motions=SHORT.motions * 5)
+    return session(replace(PUMA, hidden=(Hidden("thermal_friction", 2, {"a": -0.1}),)), plan, rate=RATE)
 
 
 def test_thermal_friction_follows_the_logged_temperature():
@@ -262,7 +245,7 @@ def test_thermal_friction_follows_the_logged_temperature():
 
 def test_temperature_is_a_first_order_answer_to_the_square_of_the_current():
     """Stepped sample by sample by hand, the temperature is the logged one."""
-    holds = np.array([motion.hold for motion in PLAN.motions])
+    holds = np.array([motion.hold for motion in SHORT.motions])
     usual = np.sqrt(np.mean(PUMA.gravity_current(holds)[:, 1] ** 2)) + PUMA.coulomb[1]
     now = 25.0
     for current, logged in zip(warmed()["current"][:, 1], warmed()["temperature"][:, 1], strict=True):
@@ -281,7 +264,10 @@ BENDING = {
 def test_whole_current_is_bent(effect):
     """Laws of the whole current act on gravity, friction and ramps together."""
     values, law = BENDING[effect]
-    log, plain = session(replace(PUMA, hidden=(Hidden(effect, 2, values),))), plain_session()["current"][:, 1]
+    log, plain = (
+        session(replace(PUMA, hidden=(Hidden(effect, 2, values),)), rate=RATE),
+        plain_session()["current"][:, 1],
+    )
     assert log["current"][:, 1] == pytest.approx(law(plain, np.maximum(log["time"] - REST, 0.0)), abs=1e-9)
     assert np.max(np.abs(log["current"][:, 1] - plain)) > 0.01
 
@@ -290,14 +276,14 @@ def test_clipping_comes_last():
     """With a spring and a limit the sum is clipped, in whatever order they are named."""
     both = (Hidden("saturation", 2, {"limit": 0.5}), Hidden("spring", 2, {"a": 2.0}))
     for order in (both, both[::-1]):
-        assert np.max(np.abs(session(replace(PUMA, hidden=order))["current"][:, 1])) == pytest.approx(0.5)
+        assert np.max(np.abs(session(replace(PUMA, hidden=order), rate=RATE)["current"][:, 1])) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("effect", sorted(set(LAWS) - {"inertia", "thermal_friction"}))
 def test_bench_hides_the_same(effect):
     """Runs without dynamics carry the hidden current that MuJoCo's closed loop carries at the same positions."""
     truth = HEAVY.hiding([Hidden(effect, None if effect in ("tilt", "payload") else 2, {})])
-    log = session(truth, HEAVY_PLAN)
+    log = session(truth, HEAVY_PLAN, rate=RATE)
     for run in Bench(truth, HEAVY_PLAN, rate=100.0).runs(np.random.default_rng(0)):
         j, v = run.joint - 1, log["velocity"]
         alone = np.abs(np.delete(v, j, axis=1)).max(axis=1) < (5e-5 if effect == "coupling" else 1e-3)

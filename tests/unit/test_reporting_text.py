@@ -11,7 +11,7 @@ import report_contexts
 import worlds
 from ladders import RIPPLE, STRIBECK
 from rich.console import Console
-from test_residual_budget import KINDS
+from test_compare import KINDS
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import POINTS_TO

@@ -32,7 +32,7 @@ SHORT = Plan(
 def session(truth=PUMA, plan=SHORT, seed=1, rate=RATE, **options) -> dict[str, np.ndarray]:
     """A whole session's arrays."""
     logs = list(simulate(truth.robot, plan, truth=truth, seed=seed, rate=rate, **options))
-    names = ("time", "position", "velocity", "current")
+    names = ["time", "position", "velocity", "current"] + ["temperature"] * (logs[0].temperature is not None)
     return {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
 
 
