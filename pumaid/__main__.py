@@ -3,7 +3,18 @@
 import os
 import signal
 import sys
-from io import TextIOWrapper
+from io import BufferedWriter, FileIO, TextIOWrapper
+from typing import Any
+
+
+class Remarks(FileIO):
+    """Standard error: where it cannot be written, what was to be told is lost, and the work goes on."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return len(data)
 
 
 def run() -> None:
@@ -19,7 +30,9 @@ def run() -> None:
             os.open(os.devnull, os.O_WRONLY)  # gets the lowest free descriptor, which is this one
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False, encoding="utf-8")
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False, encoding="utf-8")
-    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False, encoding="utf-8")
+    encoding = sys.stderr.encoding if sys.stderr else "utf-8"
+    remarks = BufferedWriter(Remarks(2, "w", closefd=False))
+    sys.stderr = TextIOWrapper(remarks, encoding, line_buffering=True)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows ? rather than our failure

@@ -32,25 +32,17 @@ LOGS = PathType(path_type=str, allow_dash=True)
 logs_argument = click.argument("logs", type=LOGS, nargs=-1, required=True, metavar="LOGS...")
 #: A model file, or ``-``.
 model_argument = click.argument("model", type=FILE_OR_PIPE, metavar="MODEL")
-recipe_option = click.option(
-    "--recipe", type=FILE, metavar="FILE", help="The recipe; else recipe.yaml with the logs, beside them, or here."
-)
+recipe_option = click.option("--recipe", type=FILE, metavar="FILE", help="The recipe; else by the logs, or here.")
 results_option = click.option(
     "--results",
     type=FILE,
     metavar="FOLDER",
-    help="Where results go; else results/ beside the recipe.",
+    help="Where results go; else by the recipe.",
 )
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON document on standard output, nothing else there."
-)
-seed_option = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, metavar="N", help="The same seed gives the same result."
-)
-units_option = click.option(
-    "--units", type=click.Choice(["rad", "deg"]), default="rad", help="Unit of angles in tables; JSON is in rad."
-)
-check_option = click.option("--check", is_flag=True, help="Leave with exit code 1 if something asks for attention.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document, no tables.")
+seed_option = click.option("--seed", type=click.IntRange(min=0), default=0, metavar="N", help="Same seed, same result.")
+units_option = click.option("--units", type=click.Choice(["rad", "deg"]), default="rad", help="Angle unit of tables.")
+check_option = click.option("--check", is_flag=True, help="Exit code 1 if attention is needed.")
 force_option = click.option("--force", is_flag=True, help="Replace what is there already.")
 
 
@@ -96,11 +88,11 @@ heldout_option = click.option(
     type=LOGS,
     multiple=True,
     metavar="FILE|posture",
-    help="Logs kept for judging, or each joint's last posture; repeatable.",
+    help="Logs, or each last posture, not to be fitted; repeatable.",
 )
 #: How logs are read.
 READING = (
-    click.option("--trust", is_flag=True, help="Take logs that look wrong: refusals become notes."),
+    click.option("--trust", is_flag=True, help="Accept logs that look wrong."),
     click.option(
         "--cell",
         type=click.FloatRange(0.0, min_open=True),
@@ -108,14 +100,19 @@ READING = (
         help="Seconds a cell of any motion lasts.",
     ),
     click.option(
-        "--jobs", type=click.IntRange(min=0), default=0, metavar="N", help="Processes that read logs; 0: one a core."
+        "--jobs",
+        type=click.IntRange(min=0),
+        default=0,
+        metavar="N",
+        help="Processes that read; 0: one a core.",
+        show_default=False,
     ),
     click.option(
         "--dask",
         default="",
         show_default=False,
         metavar="ADDRESS",
-        help="Read logs with workers of this Dask scheduler.",
+        help="Dask scheduler whose workers read.",
     ),
 )
 
@@ -135,7 +132,7 @@ effects_option = click.option(
     type=FILE,
     multiple=True,
     metavar="FILE.py",
-    help="A file with an effect of your own, which is run; repeatable.",
+    help="Run your own effect's file; repeatable.",
     callback=_include,
     expose_value=False,
 )

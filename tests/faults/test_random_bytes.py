@@ -124,10 +124,10 @@ def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, cwd=folder, env=os.environ | more, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("streams", [">&-", "2>&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize("streams", [">&-", "2>&-", "2>/dev/full", ">&- 2>&- <&-"])
 @pytest.mark.parametrize("words", ["identify logs", "report results/model.json --table csv -o -"])
 def test_what_nobody_hears_is_done_all_the_same(arm, words, streams):
-    """Closed outputs are as if they led nowhere."""
+    """Closed outputs, and a full one for remarks, are as if they led nowhere."""
     done = shell(f"$P {words} {streams}", arm)
     assert done.returncode == 0 and "Traceback" not in done.stderr
     assert json.loads((arm / "results" / "model.json").read_text())["kind"] == "model"

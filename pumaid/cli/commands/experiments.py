@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 )
 @click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: where it splits]")
 @options.force_option
-@options.output_option("Where the recipe goes: a file, a folder, or - to print it.  [default: recipe.yaml]")
+@options.output_option("File or folder; - prints.  [default: recipe.yaml]")
 @options.json_option
 def init(
     *,
@@ -161,11 +161,11 @@ EXCLUDES = (
     "--speeds",
     callback=options.separated(click.FLOAT),
     metavar="S,S,S",
-    help="Shares of each joint's top speed, 3 or more.",
+    help="Shares of top speeds, 3 or more.",
 )
 @click.option("--postures", type=int, metavar="N", help="Postures a joint, at least. [default: 4]")
 @click.option("--replicates", type=int, metavar="N", help="Passes over the arm. [default: 2 or more]")
-@click.option("--prior", type=options.FILE, metavar="MODEL", help="Plan for the arm that this model describes.")
+@click.option("--prior", type=options.FILE, metavar="MODEL", help="A model of the arm to plan for.")
 @click.option(
     "--payload",
     callback=options.separated(click.FLOAT, 4),
@@ -187,7 +187,7 @@ EXCLUDES = (
 )
 @options.picture_option
 @options.force_option
-@options.output_option("The plan to write, or -. [default: plan.yaml]")
+@options.output_option("The plan; - prints. [default: plan.yaml]")
 @options.seed_option
 @options.json_option
 def plan(
@@ -296,27 +296,23 @@ def _plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: C
 
 @click.command()
 @click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
-@click.option(
-    "--plan", "runs", type=options.FILE_OR_PIPE, metavar="FILE", help="The plan; else plan.yaml beside the recipe."
-)
-@options.output_option("Folder of the logs, else logs beside the recipe; - for one CSV on standard output.")
+@click.option("--plan", "runs", type=options.FILE_OR_PIPE, metavar="FILE", help="The plan; else beside the recipe.")
+@options.output_option("Folder of the logs; else logs/; - prints one CSV.")
 @click.option(
     "--truth", type=options.FILE, metavar="FILE", help="A truth.json, or table1 (the paper's PUMA); else drawn."
 )
 @click.option(
-    "--hide", multiple=True, metavar="EFFECT[@JOINT]", help="It has stribeck@3:a=0.2,velocity=0.1; repeatable."
+    "--hide", multiple=True, metavar="EFFECT[@JOINT]", help="An effect that it has: stribeck@3:a=0.2; repeatable."
 )
 @options.effects_option
 @click.option("--rate", type=float, default=250.0, metavar="HZ", help="Samples a second.")
-@click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none at all.")
+@click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none.")
 @click.option(
     "--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", help="Form of the log files."
 )
 @click.option("--no-velocity", is_flag=True, help="Leave velocities out of the logs.")
 @click.option("--temperature", "has_temperature", is_flag=True, help="Write the motors' temperatures, too.")
-@click.option(
-    "--runs-per-file", type=click.IntRange(min=1), default=40, metavar="N", help="Planned runs in one log file."
-)
+@click.option("--runs-per-file", type=click.IntRange(min=1), default=40, metavar="N", help="Runs in a log file.")
 @options.force_option
 @options.seed_option
 @options.json_option

@@ -39,14 +39,14 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
     type=click.Choice(["both", "constant", "stroke", "block"]),
     metavar="KIND",
     default="both",
-    help="both, constant (speed), stroke (rest to rest) or block (any motion).",
+    help="constant (speed), stroke, block or both.",
 )
 @click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
-@click.option("--min-travel", type=_POSITIVE, metavar="X", help="Shortest way of a run, rad or m. [default: 0.02]")
-@click.option("--speed-tolerance", type=_SHARE, metavar="SHARE", help="Spread of one constant speed. [default: 0.03]")
+@click.option("--min-travel", type=_POSITIVE, metavar="X", help="Least travel, rad or m. [default: 0.02]")
+@click.option("--speed-tolerance", type=_SHARE, metavar="SHARE", help="Spread of constant speed. [default: 0.03]")
 @click.option("--held-share", type=_SHARE, metavar="SHARE", help="Speed of a held joint, as share. [default: 0.02]")
-@click.option("--held-drift", type=_POSITIVE, metavar="X", help="Way of a held joint, rad or m. [default: 0.02]")
-@click.option("--rejects", is_flag=True, help="List every stretch that was left out, with its rows and the reason.")
+@click.option("--held-drift", type=_POSITIVE, metavar="X", help="Travel of a held joint, rad or m. [default: 0.02]")
+@click.option("--rejects", is_flag=True, help="List all that was left out, and why.")
 @options.picture_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
 @options.units_option
@@ -104,20 +104,18 @@ def segment(
     "--add",
     multiple=True,
     metavar="EFFECT[@JOINT]",
-    help="Physics to add: stribeck@3, ripple@2:frequency=58; repeatable.",
+    help="Physics to add, as stribeck@3; repeatable.",
 )
-@click.option(
-    "--remove", multiple=True, metavar="EFFECT[@JOINT]", help="Leave out an effect of the recipe, or all; repeatable."
-)
+@click.option("--remove", multiple=True, metavar="EFFECT[@JOINT]", help="An effect to leave out, or all; repeatable.")
 @options.effects_option
-@click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion; no joint refinement of all rows.")
-@options.output_option("The model file to write; - for standard output. Default: model.json in the results folder.")
+@click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion.")
+@options.output_option("The model; else results/model.json; - prints it.")
 @click.option(
     "--motion",
     type=click.Choice(["any", "constant"]),
     default="any",
     show_default=True,
-    help="What is fitted: all motion, or constant speed alone.",
+    help="Motion to fit.",
 )
 @options.units_option
 @options.experiment_options()
@@ -144,7 +142,7 @@ def identify(
       pumaid identify logs/
       pumaid identify logs/ --units deg -o results/first.json
       pumaid identify logs/ --add stribeck@3 --add ripple@elbow:frequency=58
-      pumaid identify s3://bucket/logs --recipe recipe.yaml --dask tcp://10.0.0.5:8786
+      pumaid identify s3://bucket/logs --dask tcp://10.0.0.5:8786
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
     from pumaid.cli.additions import identified
@@ -176,7 +174,7 @@ def identify(
 
 
 @click.command()
-@click.option("--worst", type=click.IntRange(min=0), default=5, help="How many runs to list.")
+@click.option("--worst", type=click.IntRange(min=0), default=5, metavar="N", help="Runs to list.")
 @options.model_on_logs
 def compare(
     *,
@@ -194,7 +192,7 @@ def compare(
     Example:
       pumaid compare results/model.json logs/
       pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
-      pumaid compare results/model.json logs/ --json | jq '.joints[] | {joint, rmse, noise_floor}'
+      pumaid compare results/model.json logs/ --json | jq '.joints[].rmse'
     """
     from pumaid.diagnosis.compare import compare
     from pumaid.reporting import documents, tables, text
@@ -225,7 +223,7 @@ def compare(
 @click.option("--apply", "is_applied", is_flag=True, help="Add what is found, refit, repeat.")
 @click.option("--plan", type=options.FILE, metavar="FILE", help="Write the runs that would decide.")
 @options.force_option
-@options.output_option("The diagnosis as JSON; - for standard output. Default: diagnosis.json in the results folder.")
+@options.output_option("The JSON; else results/diagnosis.json; - prints it.")
 @options.results_option
 @options.model_on_logs
 def diagnose(
@@ -251,8 +249,8 @@ def diagnose(
     Example:
       pumaid diagnose results/model.json logs/
       pumaid diagnose results/model.json logs/ --apply --picture missing.png
-      pumaid diagnose results/model.json logs/ --plan next.yaml --suspect supply_voltage
-      pumaid diagnose results/model.json logs/ --json | jq '.findings[] | {effect, joint, p_value}'
+      pumaid diagnose results/model.json logs/ --suspect supply_voltage
+      pumaid diagnose results/model.json logs/ --json | jq '.findings[].effect'
     """
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.reporting.tables import diagnosis_parts, history_table

@@ -39,7 +39,7 @@ TABLES, FIGURES = ("text", "csv", "parquet", "latex", "markdown", "json"), ("png
 @click.argument("model", type=options.FILE_OR_PIPE, required=False, metavar="[MODEL]")
 @click.argument("logs", type=options.LOGS, nargs=-1, metavar="[LOGS...]")
 @options.effects_option
-@options.output_option("The page or table; - for standard output. Default: report.html in the results folder.")
+@options.output_option("The page or table; else results/report.html; - prints it.")
 @click.option(
     "--table",
     "form",
@@ -150,7 +150,7 @@ def history(*, folder: Path, results: Path | None, restore: int | None, picture:
       pumaid history
       pumaid history my_arm --picture ladder.svg
       pumaid history --restore 2
-      pumaid history --json | jq '.ladders[0].models[] | {model, added, rmse, heldout}'
+      pumaid history --json | jq '.ladders[0].models[].rmse'
     """
     from pumaid.reporting import documents, tables
     from pumaid.results import history as archive
@@ -179,7 +179,7 @@ FORMS = sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).pa
 @click.command()
 @options.model_argument
 @click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write; see docs/export.md.")
-@options.output_option("The file; - for standard output. Default: named after the robot, beside the model.")
+@options.output_option("The file; else beside the model; - prints it.")
 @click.option("--torque-constants", "constants", metavar="K,K,...", help="N m/A or N/A: of all joints, or JOINT=K,...")
 @options.force_option
 @options.recipe_option
@@ -203,7 +203,7 @@ def export(
     Example:
       pumaid export results/model.json --format c -o puma
       pumaid export results/model.json --format python -o arm.py
-      pumaid export results/model.json --format urdf --torque-constants 2=31.5 -o arm.urdf
+      pumaid export results/model.json --format urdf --torque-constants 2=31.5
     """
     from pumaid import exports
     from pumaid.experiment import Experiment
