@@ -1,14 +1,14 @@
-"""A model for other programs; every module of ``formats`` is one form, found by looking."""
+"""A model for other programs; the forms are found by looking into ``formats``."""
 
 import functools
 import importlib
-import inspect
 import pkgutil
 from collections.abc import Mapping
 
 from pumaid import __version__
 from pumaid.effect_spec import check_parameters
 from pumaid.estimate import Estimate
+from pumaid.exports import formats
 from pumaid.exports.base import Exported, Form, Subject, identifier
 from pumaid.exports.equivalent_bodies import bodies
 from pumaid.exports.formulas import Formulas
@@ -20,15 +20,9 @@ __all__ = ["Exported", "Form", "Subject", "every_form", "export"]
 
 @functools.cache
 def every_form() -> Mapping[str, Form]:
-    """Every form by its name."""
-    folder = importlib.import_module(f"{__name__}.formats")
-    forms: dict[str, Form] = {}
-    for info in pkgutil.iter_modules(folder.__path__):
-        module = importlib.import_module(f"{folder.__name__}.{info.name}")
-        for member in vars(module).values():
-            if inspect.isclass(member) and issubclass(member, Form) and member.__module__ == module.__name__:
-                forms[info.name] = member()
-    return forms
+    """Every form by its name, as ``--format`` takes it."""
+    modules = [importlib.import_module(f"{formats.__name__}.{x.name}") for x in pkgutil.iter_modules(formats.__path__)]
+    return {name: form for module in modules for name, form in module.FORMS.items()}
 
 
 def export(
@@ -64,11 +58,12 @@ def export(
     chosen, formulas = every_form()[form], Formulas.of(estimate, robot)
     chain = bodies(formulas, torque_constants or {}) if chosen.has_bodies else None
     subject = Subject(formulas, identifier(name or robot.name), chain, estimate.version or __version__)
+    files, left_out = chosen.write(subject)
     return Exported(
         form=form,
         name=subject.name,
-        files=chosen.texts(subject),
-        left_out=chosen.left_out(subject),
+        files=files,
+        left_out=left_out,
         undetermined=formulas.undetermined,
         remarks=chain.remarks if chain else (),
     )

@@ -30,7 +30,7 @@ from measured import append
 
 from pumaid import export, read_model
 from pumaid.dataset import Log
-from pumaid.exports.base import xml_name
+from pumaid.exports.formats.rigid_chain import xml_name
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import write_log
 from pumaid.simulation import Friction, draw, simulate

@@ -1,1 +1,1 @@
-"""One file a form; its name is what ``--format`` takes."""
+"""Forms of export, by name in ``FORMS`` of each file."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from pumaid.effects.formula import filled
 from pumaid.exports.base import Form, Subject
+from pumaid.exports.formulas import Lack
 from pumaid.results.documents import as_text
 
 #: Postures with currents by the model itself.
@@ -39,47 +40,46 @@ FIELDS = ("name", "theta", "alpha", "a", "d", "placement", "limits", "max_veloci
 SIGNED = {"v": "abs(v)", "shaft": "v"}
 
 
-class Json(Form):
-    """A dictionary with the constants, the formulas and what they mean."""
+def write(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
+    """A dictionary with the constants, the formulas and what they mean; and what is not in it."""
+    formulas, robot = subject.formulas, subject.formulas.robot
+    ways = np.random.default_rng(0)
+    position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
+    velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
+    current = formulas.predicted(position, velocity)
+    document: dict[str, Any] = {
+        "kind": "currents",
+        "format": 1,
+        "pumaid": subject.version,
+        "robot": robot.name,
+        "recipe": {"file": robot.origin, "sha256": robot.digest},
+        "logs": formulas.estimate.logs,
+        "meaning": MEANING,
+        "joints": [
+            {"joint": joint.number, "type": joint.kind} | {name: getattr(joint, name) for name in FIELDS}
+            for joint in robot.joints
+        ],
+        "gravity": robot.gravity,
+        "moments": formulas.moments,
+        "ratios": formulas.ratios,
+        "felt": formulas.felt,
+        "coulomb": formulas.coulomb,
+        "viscous": formulas.viscous,
+        "shaft": formulas.shaft,
+        "terms": [
+            {
+                "joint": term.joint,
+                "effect": term.effect,
+                "friction": term.is_friction,
+                "formula": filled(term.formula, SIGNED),
+            }
+            for term in formulas.terms
+        ],
+        "left_out": formulas.left_out,
+        "undetermined": formulas.undetermined,
+        "reference": [{"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)],
+    }
+    return {".json": as_text(document)}, formulas.left_out
 
-    def texts(self, subject: Subject) -> dict[str, str]:
-        formulas, robot = subject.formulas, subject.formulas.robot
-        ways = np.random.default_rng(0)
-        position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
-        velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
-        current = formulas.predicted(position, velocity)
-        document: dict[str, Any] = {
-            "kind": "currents",
-            "format": 1,
-            "pumaid": subject.version,
-            "robot": robot.name,
-            "recipe": {"file": robot.origin, "sha256": robot.digest},
-            "logs": formulas.estimate.logs,
-            "meaning": MEANING,
-            "joints": [
-                {"joint": joint.number, "type": joint.kind} | {name: getattr(joint, name) for name in FIELDS}
-                for joint in robot.joints
-            ],
-            "gravity": robot.gravity,
-            "moments": formulas.moments,
-            "ratios": formulas.ratios,
-            "felt": formulas.felt,
-            "coulomb": formulas.coulomb,
-            "viscous": formulas.viscous,
-            "shaft": formulas.shaft,
-            "terms": [
-                {
-                    "joint": term.joint,
-                    "effect": term.effect,
-                    "friction": term.is_friction,
-                    "formula": filled(term.formula, SIGNED),
-                }
-                for term in formulas.terms
-            ],
-            "left_out": self.left_out(subject),
-            "undetermined": formulas.undetermined,
-            "reference": [
-                {"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)
-            ],
-        }
-        return {".json": as_text(document)}
+
+FORMS = {"json": Form(write)}

@@ -1,0 +1,173 @@
+"""Source code: C99 for controllers, Python with numpy alone, and MATLAB, by templates."""
+
+import ast
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
+from pathlib import PurePath
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from pumaid.exports.base import Form, Subject, head, title
+from pumaid.exports.formulas import Lack
+from pumaid.maths import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Language:
+    """A language of source code, made by `templates` in ``exports/templates``, whose first suffixes are the files'.
+
+    `names` are functions and quantities of a formula -> their text in the language: ``{i}`` is the term's joint;
+    ``load_`` is that of all ``load_M``, ``{m}`` being M; others keep their names. `power` is the function x, y -> x to
+    the power y (empty where the language writes ``**``), `first` the index of the first joint, and `brackets` what
+    stands around the rows of a table and between them.
+    """
+
+    templates: tuple[str, ...]
+    names: Mapping[str, str]
+    power: str = ""
+    first: int = 0
+    brackets: tuple[str, str, str] = ("[", "]", ",")
+
+    def write(self, subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
+        """The files of the model, and the effects that are not in them."""
+        formulas, robot = subject.formulas, subject.formulas.robot
+        tables = {
+            "placed": robot.placements[:, :3, :3].reshape(-1, 9),
+            "d": np.array([joint.d for joint in robot.joints]),
+            "g": np.array(robot.gravity, dtype=float),
+        }
+        fields = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")
+        tables |= {name: getattr(formulas, name) for name in fields}
+        start, end, _ = self.brackets
+        terms = sorted(formulas.terms, key=lambda term: term.joint)
+        kinds: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
+        for term in terms:
+            text = ast.unparse(_Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval")))
+            kinds[term.is_friction].append({"joint": term.joint, "effect": term.effect, "text": text})
+        values: dict[str, Any] = {name: self._table(table) for name, table in tables.items()} | {
+            "name": subject.name,
+            "NAME": subject.name.upper(),
+            "n": robot.n_joints,
+            "title": title(subject),
+            "head": head(subject, formulas.left_out),
+            "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
+            "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
+            "holds": kinds[False],
+            "frictions": [(joint, list(group)) for joint, group in groupby(kinds[True], key=itemgetter("joint"))],
+        }
+        words = " ".join(term.formula for term in formulas.terms)
+        values |= {
+            f"uses_{name}": bool(re.search(rf"\b{name}(_\w+)?\b", words)) for name in ("slope", "tilt", "across")
+        }
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("pumaid.exports"),
+            autoescape=False,  # names go into comments only
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
+            undefined=jinja2.StrictUndefined,
+        )
+        files = {PurePath(name).suffixes[0]: environment.get_template(name).render(values) for name in self.templates}
+        return files, formulas.left_out
+
+    def _table(self, values: Floats) -> str:
+        """Numbers, none rounded, rows on lines of their own."""
+        start, end, between = self.brackets
+        if values.ndim == 1:
+            return f"{start}{', '.join(map(repr, values.tolist()))}{end}"
+        rows = [", ".join(map(repr, row)) for row in values.tolist()]
+        inner = [f"{start}{row}{end}" for row in rows] if between == "," else rows
+        return f"{start}\n    " + f"{between}\n    ".join(inner) + f"\n{end}"
+
+
+class _Translation(ast.NodeTransformer):
+    """Puts the language's names and powers into the formula of a joint."""
+
+    def __init__(self, language: Language, joint: int) -> None:
+        self.language, self.joint = language, joint
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        first, names = self.language.first, self.language.names
+        head, _, number = node.id.rpartition("_")
+        text, m = (names[f"{head}_"], int(number)) if number.isdigit() else (names.get(node.id, node.id), 1)
+        return ast.Name(text.format(i=self.joint - 1 + first, m=m - 1 + first))
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        assert isinstance(node.value, int | float)
+        return ast.Constant(float(node.value))  # C divides integers as integers
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        self.generic_visit(node)
+        return node.operand.operand if isinstance(node.operand, ast.UnaryOp) else node  # C reads -- as a decrement
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        is_call = self.language.power and isinstance(node.op, ast.Pow)
+        return ast.Call(ast.Name(self.language.power), [node.left, node.right], []) if is_call else node
+
+
+#: Nothing is allocated and no data changes, so that it runs in an interrupt and on several arms at once.
+C = Language(
+    templates=("model.h", "model.c"),
+    names={
+        "abs": "fabs",
+        "max": "fmax",
+        "sign": "SIGN",
+        "q": "q[{i}]",
+        "v": "fabs(v)",
+        "shaft": "v",
+        "load": "at->load[{i}]",
+        "drawn": "(at->load[{i}] + base)",
+        "load_": "at->load[{m}]",
+        "slope_": "slope(at, {i}, {m})",
+        "across": "across(at, {i})",
+        "tilt_x": "tilt(at, {i}, 0)",
+        "tilt_y": "tilt(at, {i}, 1)",
+    },
+    power="pow",
+    brackets=("{", "}", ","),
+)
+#: Functions of one posture or of many at once.
+PYTHON = Language(
+    templates=("model.py.txt",),
+    names={name: f"np.{name}" for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")}
+    | {
+        "max": "np.maximum",
+        "q": "q[..., {i}]",
+        "v": "np.abs(v)",
+        "shaft": "v",
+        "load": "at.load[..., {i}]",
+        "drawn": "(at.load[..., {i}] + base)",
+        "load_": "at.load[..., {m}]",
+        "slope_": "_slope(at, {i}, {m})",
+        "across": "_across(at, {i})",
+        "tilt_x": "_tilt(at, {i}, 0)",
+        "tilt_y": "_tilt(at, {i}, 1)",
+    },
+)
+#: For Simulink's MATLAB Function block too; runs in Octave as well, and needs no toolbox.
+MATLAB = Language(
+    templates=("model.m.txt",),
+    names={
+        "q": "q({i})",
+        "v": "abs(v)",
+        "shaft": "v",
+        "load": "load({i})",
+        "drawn": "(load({i}) + base)",
+        "load_": "load({m})",
+        "slope_": "slope(c, z, moment, {i}, {m})",
+        "across": "across(c, z, moment, {i})",
+        "tilt_x": "tilt(c, z, moment, {i}, 1)",
+        "tilt_y": "tilt(c, z, moment, {i}, 2)",
+    },
+    power="power",
+    first=1,
+    brackets=("[", "]", ";"),
+)
+
+FORMS = {"c": Form(C.write), "python": Form(PYTHON.write), "matlab": Form(MATLAB.write)}
