@@ -1,9 +1,9 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25428,
-    "statements": 15553,
-    "modules": 131,
+    "lines": 25378,
+    "statements": 15529,
+    "modules": 128,
     "import depth": 12,
     "lines of tests and tools": 22058,
     "words of documents": 29900,
