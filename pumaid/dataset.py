@@ -6,18 +6,21 @@ import json
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pumaid.errors import Note, Where
 from pumaid.maths import Counts, Floats
 
+#: (Joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
+FirstMotions = Mapping[tuple[int, int], float]
 
-def arrays_of(record: Any) -> dict[str, NDArray[Any]]:
+
+def arrays_of(record: Any) -> dict[str, Any]:
     """The fields of a record that are arrays, by name."""
     named = {item.name: getattr(record, item.name) for item in fields(record)}
     return {name: values for name, values in named.items() if isinstance(values, np.ndarray)}
@@ -48,8 +51,7 @@ class Log:
 
     def part(self, index: slice | Counts) -> Log:
         """Some of the samples, by their numbers."""
-        arrays: dict[str, Any] = {name: values[index] for name, values in arrays_of(self).items()}
-        return replace(self, **arrays | {"starts_clock": False})
+        return replace(self, starts_clock=False, **{name: values[index] for name, values in arrays_of(self).items()})
 
     @classmethod
     def joined(cls, logs: Sequence[Log]) -> Log:
@@ -222,12 +224,8 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
             bins = {}
             for name, length in values["bins"].items():
                 bins[name], arrays[name] = np.split(arrays[name], [length])
-            more = {
-                "posture": np.array(values["posture"]),
-                "span": tuple(values["span"]),
-                "bins": Bins(**bins),
-            }
-            runs.append(Run(**values | more | {"bins": Bins(**bins)}))
+            more = {"posture": np.array(values["posture"]), "span": tuple(values["span"]), "bins": Bins(**bins)}
+            runs.append(Run(**values | more))
         rejects = [Reject(**values | {"joints": tuple(values["joints"])}) for values in about["rejects"]]
         files = tuple(FileFacts(**facts) for facts in about["files"])
         notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])
@@ -267,27 +265,7 @@ def finite_means(values: Floats, starts: Counts, count: Counts | None = None) ->
     return np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
 
 
-def mean_times(time: Floats, starts: Counts) -> Floats:
-    """(M,) means of (N,) times from each start on; of seconds since 1970, too, whose sum would lose digits."""
-    return time[0] + finite_means(time - time[0], starts)
-
-
-@dataclass(frozen=True, slots=True)
-class Campaign:
-    """What only all runs together tell: when joints first moved."""
-
-    #: (joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
-    begun: Mapping[tuple[int, int], float] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, runs: Iterable[Run]) -> Campaign:
-        """Of all runs of the logs, held-out ones too."""
-        begun: dict[tuple[int, int], float] = {}
-        for run in runs:
-            for key in ((run.joint, run.clock), (0, run.clock)):
-                begun[key] = min(run.start, begun.get(key, run.start))
-        return cls(begun)
-
-    def since(self, joint: int, clock: int, time: Floats) -> Floats:
-        """(M,) s since `joint` (0: any joint) first moved, at (M,) s on a clock; as they are where it never did."""
-        return time - self.begun.get((joint, clock), 0.0)
+def first_motions(runs: Iterable[Run]) -> FirstMotions:
+    """When joints first moved, by all runs of the logs, held-out ones too."""
+    starts = [((joint, run.clock), run.start) for run in runs for joint in (0, run.joint)]
+    return dict(sorted(starts, key=itemgetter(1), reverse=True))  # of equal keys the last one stays: the earliest

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, Bins, Campaign, Run, coarser
+from pumaid.dataset import BLOCK, CONSTANT, Bins, FirstMotions, Run, coarser, first_motions
 from pumaid.effects import Extent, Loads, Samples
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
@@ -206,15 +206,15 @@ def joint_bins(
     runs: Sequence[Run],
     *,
     most: int | None = None,
-    campaign: Campaign | None = None,
+    begun: FirstMotions | None = None,
     is_settled: bool = True,
 ) -> tuple[JointBins, ...]:
     """The bins of each joint that moves in `runs` (in order of time), base first.
 
-    A run has at most `most` bins a turn; `campaign` is that of all runs of the logs; `is_settled` leaves out the ends
-    of runs at constant speed, where the speed still settles.
+    A run has at most `most` bins a turn; `begun` says when joints first moved in all runs of the logs; `is_settled`
+    leaves out the ends of runs at constant speed, where the speed still settles.
     """
-    campaign = campaign or Campaign.of(runs)
+    begun = first_motions(runs) if begun is None else begun
     out = []
     for joint in sorted({run.joint for run in runs}):
         chosen = tuple(run for run in runs if run.joint == joint)
@@ -231,7 +231,7 @@ def joint_bins(
         count, current, inside = (
             np.concatenate([getattr(run.bins, name) for run in thin]) for name in ("count", "current", "variance")
         )
-        series = [samples_of(run, campaign).series() for run in thin]
+        series = [samples_of(run, begun).series() for run in thin]
         names = set(series[0]).intersection(*series)
         whole: dict[str, Any] = {name: np.concatenate([part[name] for part in series]) for name in names}
         samples = Samples(joint, **whole | {"run": np.repeat(np.arange(float(len(thin))), lengths)})
@@ -259,7 +259,7 @@ def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Ru
     return replace(run, bins=coarser(run.bins, limit)) if limit else run
 
 
-def samples_of(run: Run, campaign: Campaign) -> Samples:
+def samples_of(run: Run, begun: FirstMotions) -> Samples:
     """The M bins of a run as effects see them, other joints at its mean posture; at constant speed the velocity is its
     mean."""
     bins, moving = run.bins, run.joint - 1
@@ -280,8 +280,8 @@ def samples_of(run: Run, campaign: Campaign) -> Samples:
         velocity,
         acceleration=bins.acceleration,
         direction=direction,
-        time=campaign.since(run.joint, run.clock, bins.time),
-        elapsed=campaign.since(0, run.clock, bins.time),
+        time=bins.time - begun.get((run.joint, run.clock), 0.0),
+        elapsed=bins.time - begun.get((0, run.clock), 0.0),
         travel=travel,
         temperature=bins.temperature,
         run=np.zeros(len(bins)),

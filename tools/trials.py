@@ -28,7 +28,7 @@ from experiments import coverage, logged, losses
 from free_motion import loaded, picks, reach, recorded, true_values, waves
 
 from pumaid import identify, segment, simulate
-from pumaid.dataset import Campaign
+from pumaid.dataset import first_motions
 from pumaid.design.plan import plan
 from pumaid.diagnosis.candidates import minus_log10_p
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
@@ -253,7 +253,7 @@ def statistics(options: argparse.Namespace) -> Iterator[str]:
 def searching(truth: Truth, motions: Plan, seed: int) -> Stepwise:
     """A search on one experiment, not yet run."""
     runs = bench(truth, motions).runs(np.random.default_rng(seed))
-    return Stepwise(Model.of_runs(truth.robot, runs), runs, campaign=Campaign.of(runs))
+    return Stepwise(Model.of_runs(truth.robot, runs), runs, begun=first_motions(runs))
 
 
 def p_values(step: Step) -> dict[tuple[str, int | None], float]:

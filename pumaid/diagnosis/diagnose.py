@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import CONSTANT, Campaign, Dataset, Run
+from pumaid.dataset import CONSTANT, Dataset, Run, first_motions
 from pumaid.diagnosis.candidates import Suspect
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.records import (
@@ -448,7 +448,7 @@ def diagnose(
         Model.of_runs(robot, fitted),
         runs,
         given=terms_of(estimate.effects),
-        campaign=Campaign.of(dataset.runs),
+        begun=first_motions(dataset.runs),
         unseen=[run for run in dataset.runs if run.heldout],
         effects=[*catalogue().values(), *(Suspect.of(dataset, name) for name in suspects)],
         tell=progress or (lambda text: None),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from pumaid.dataset import Campaign, Dataset, Run
+from pumaid.dataset import Dataset, Run
 from pumaid.design.candidate_runs import Block, free_blocks, home, postures, speeds, sweeps, top_speed
 from pumaid.design.collision import Collision
 from pumaid.design.prior import prior_robots
@@ -429,7 +429,7 @@ def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) 
             values = replace(run.bins, time=middle, temperature=np.full(bins, coldest), extra=nothing)
             runs.append(replace(run, duration=last - first, span=cruise(robot, motion)[0], bins=values))
             owner.append(place)
-    (ahead,) = joint_bins(robot, runs, campaign=Campaign(), is_settled=False)
+    (ahead,) = joint_bins(robot, runs, begun={}, is_settled=False)
     return elsewhere(fit, ahead), np.array(owner)
 
 

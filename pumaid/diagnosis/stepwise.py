@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.dataset import Campaign, Run
+from pumaid.dataset import FirstMotions, Run
 from pumaid.diagnosis.candidates import Key, Spectrum, candidates, settling, spectrum
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
@@ -143,7 +143,7 @@ class Step:
 class Stepwise:
     """A search on fitted `runs` for what `model`, with the effects `given`, lacks.
 
-    Any of `effects` may be added (every effect that is no part of each model where not given). `campaign` is that of
+    Any of `effects` may be added (every effect that is no part of each model where not given). `begun` is that of
     all runs of the logs, `unseen` are runs that are not fitted; `tell` is called with a word on what is done. `added`
     is what is in the model now (`given` first), `steps` are the looks, `accepted` the additions as they were judged,
     `denied` those of which runs held out showed too little, so that they are looked for no more.
@@ -155,7 +155,7 @@ class Stepwise:
         runs: Sequence[Run],
         *,
         given: Sequence[EffectTerm] = (),
-        campaign: Campaign | None = None,
+        begun: FirstMotions | None = None,
         effects: Sequence[Effect] = (),
         unseen: Sequence[Run] = (),
         tell: Callable[[str], None] = lambda text: None,
@@ -164,7 +164,7 @@ class Stepwise:
         self.effects = [effect for effect in (effects or tuple(catalogue().values())) if not effect.base]
         self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
         self._bins, self._unseen = (
-            [joint_bins(model.robot, part, most=limit, campaign=campaign) for limit in (COARSE, FINE)]
+            [joint_bins(model.robot, part, most=limit, begun=begun) for limit in (COARSE, FINE)]
             for part in (runs, unseen)
         )
         self._first = fit_bins(model, self._bins[0])

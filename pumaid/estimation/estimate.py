@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid import __version__
-from pumaid.dataset import Campaign, Dataset, Run
+from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.effect_spec import expanded
 from pumaid.errors import LogError, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
@@ -47,10 +47,10 @@ def identify(
         where = Where(file=dataset.files[0].name if dataset.files else None)
         mend = "see why with: pumaid segment LOGS --rejects"
         raise LogError("no-runs", f"there is no run to fit ({what})", where, mend)
-    model, campaign = Model.of_runs(robot, runs), Campaign.of(dataset.runs)
+    model, begun = Model.of_runs(robot, runs), first_motions(dataset.runs)
     # The rigid body has an inertia of each joint already.
     choices = tuple(choice for choice in choices if not (model.is_dynamic and choice.effect == "inertia"))
-    result = fit_effects(model, runs, choices, campaign=campaign, recursive=recursive, progress=progress)
+    result = fit_effects(model, runs, choices, begun=begun, recursive=recursive, progress=progress)
     coverage = {joint.number: [run for run in runs if run.joint == joint.number] for joint in robot.joints}
     estimate = _estimate(result, choices, coverage, recursive=recursive)
     at_joints = predictions(estimate, dataset, robot)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pumaid.dataset import Campaign, Dataset, Run
+from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.errors import Note
 from pumaid.estimate import Estimate, JointResult
 from pumaid.joint_bins import JointBins, joint_bins
@@ -318,8 +318,8 @@ class JointPrediction:
 
 def predictions(estimate: Estimate, dataset: Dataset, robot: Robot) -> dict[int, JointPrediction]:
     """Joint (from 1) -> the estimate at all of its runs, held-out ones too."""
-    model, campaign = Model.of_estimate(robot, estimate), Campaign.of(dataset.runs)
-    bins = joint_bins(robot, dataset.runs, campaign=campaign, is_settled=False)
+    model, begun = Model.of_estimate(robot, estimate), first_motions(dataset.runs)
+    bins = joint_bins(robot, dataset.runs, begun=begun, is_settled=False)
     return {part.joint: JointPrediction(model, estimate, part) for part in bins}
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pumaid.dataset import Campaign, Run
+from pumaid.dataset import FirstMotions, Run
 from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Extent, Family, Scope, Shape
 from pumaid.errors import ModelError, Where
@@ -324,7 +324,7 @@ def fit_effects(
     runs: Sequence[Run],
     choices: Sequence[EffectChoice],
     *,
-    campaign: Campaign,
+    begun: FirstMotions,
     recursive: bool = False,
     progress: Progress | None = None,
 ) -> EffectFit:
@@ -342,7 +342,7 @@ def fit_effects(
     fine, binned = {term.joint for term in wanted if term.effect.periodic is not None}, list[JointBins]()
     for limit, is_fine in ((COARSE, False), (FINE, True)):  # the finest at joints that have a periodic effect
         part = [run for run in runs if (run.joint in fine) == is_fine]
-        binned += joint_bins(model.robot, part, most=limit, campaign=campaign, is_settled=False) if part else ()
+        binned += joint_bins(model.robot, part, most=limit, begun=begun, is_settled=False) if part else ()
     work = EffectFit(model, sorted(binned, key=lambda part: part.joint), wanted)
     if not choices:
         work.fit = fit_bins(model, work.bins, recursive=recursive, progress=progress)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, mean_times, spans
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, spans
 from pumaid.errors import PumaidError, Where, listed
 from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.differentiate import Ticks, averaging_kernel, cubic_window, slopes, velocity
@@ -100,7 +100,7 @@ class SegmentOptions:
     window: int = 131_072  # samples held in memory at a time; a longer movement is cut
 
     def __post_init__(self) -> None:
-        kinds = (CONSTANT, STROKE, BLOCK, BOTH)
+        kinds = (CONSTANT, STROKE, BOTH)
         if self.kinds not in kinds:
             raise PumaidError("bad-option", f"kinds is {self.kinds!r}", Where(field="kinds"), f"one of {listed(kinds)}")
         for name, value in asdict(self).items():
@@ -247,8 +247,8 @@ def _run_alone(
     if bins is None:
         return []
     span = (float(position[0]), float(position[-1]))
-    more: dict[str, Any] = {"kind": piece.label, "span": span, "speed": speed, "samples": len(part)}
-    return [_run(part, bins, joint, position=part.position, **more)]
+    size = len(part)
+    return [_run(part, bins, joint, position=part.position, kind=piece.label, span=span, speed=speed, samples=size)]
 
 
 def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, size: int) -> Bins:
@@ -266,7 +266,7 @@ def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Counts
     current = finite_means(log.current[:, joint], starts)
     return Bins(
         count=count,
-        time=mean_times(log.time, starts),
+        time=log.time[0] + finite_means(log.time - log.time[0], starts),  # seconds since 1970 would lose digits
         position=finite_means(log.position, starts),
         velocity=finite_means(velocity, starts),
         acceleration=np.zeros(len(starts)),
@@ -523,9 +523,9 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
             if len(chosen) >= FEWEST_CELLS:
                 bins = _block_bins(log, time, table, joint=joint, rows=chosen)
                 moving, speed = bins.position[:, joint - 1], float(np.sqrt(np.mean(bins.velocity**2)))
-                more: dict[str, Any] = {"span": (float(moving.min()), float(moving.max())), "speed": speed}
-                more |= {"kind": BLOCK, "samples": int(bins.count.sum())}
-                runs.append(_run(part, bins, joint, position=bins.position, **more))
+                span, size = (float(moving.min()), float(moving.max())), int(bins.count.sum())
+                words: dict[str, Any] = {"kind": BLOCK, "span": span, "speed": speed, "samples": size}
+                runs.append(_run(part, bins, joint, position=bins.position, **words))
     return runs
 
 

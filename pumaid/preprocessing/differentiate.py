@@ -76,8 +76,6 @@ def cubic_window(seconds: float, step: float) -> int:
 
 def velocity(time: Floats, position: Floats, seconds: float) -> Floats:
     """(N,) velocity by local cubics over a span of time (s); of (N,) times (s), which may be uneven, and positions."""
-    if len(time) < 6:
-        return slopes(time, position, 2)
     step = float(time[-1] - time[0]) / (len(time) - 1)
     even = time[0] + step * np.arange(len(time))
     window = min(cubic_window(seconds, step), len(time) - 1 + len(time) % 2)

@@ -49,9 +49,6 @@ TOTALS = (
     *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
 )
 
-#: No values.
-_NONE = np.zeros(0)
-
 #: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
 MOVED = 0.2
 #: Displacements and a velocity column that belong together agree this well (real logs: 0.99 and more).
@@ -139,7 +136,9 @@ class LogStatistics:
         self._add(**other.totals)
         self.intervals += other.intervals
         for j in range(self.robot.n_joints):
-            self.levels[j] = [_largest(a + b) for a, b in zip(self.levels[j], other.levels[j], strict=True)]
+            self.levels[j] = [
+                _largest(a + b, np.zeros(0)) for a, b in zip(self.levels[j], other.levels[j], strict=True)
+            ]
             self._add_groups(j, other.groups[j])
 
     def interval(self) -> float:
@@ -221,7 +220,7 @@ def _counts(flags: Flags, starts: Counts) -> Counts:
     return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
 
 
-def _largest(total: Counter[float], values: Floats = _NONE) -> Counter[float]:
+def _largest(total: Counter[float], values: Floats) -> Counter[float]:
     """The two largest of counted levels and of (N,) values, and how often each occurs."""
     for _ in range(2):
         level = values.max(initial=-math.inf)

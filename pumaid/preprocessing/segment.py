@@ -20,8 +20,6 @@ from pumaid.preprocessing.differentiate import Ticks, round_half_up, sampling_ti
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
-__all__ = ["SegmentOptions", "segment"]
-
 #: Samples before the last movement of a window that the next window sees again.
 CONTEXT = 1024
 #: Bins of all runs together (some 100 bytes each for six joints), and those that a run keeps in any case.
@@ -92,18 +90,17 @@ def segment(
     return Dataset(tuple(runs), tuple(rejects), files, (*notes, *_clock_notes(runs)), extra)
 
 
-def _clock_notes(runs: Sequence[Run]) -> tuple[Note, ...]:
+def _clock_notes(runs: Sequence[Run]) -> Iterator[Note]:
     """A note if an even clock was taken for some runs."""
     moved = [run for run in runs if run.stamp_error > 0.0]
-    if not moved:
-        return ()
-    error = 1e3 * math.sqrt(sum(run.stamp_error**2 for run in moved) / len(moved))
-    text = (
-        f"in {len(moved)} of {len(runs)} runs the positions show that samples were taken more evenly than their time"
-        f" stamps say, which are {error:.2g} ms RMS off; an even clock is used for them. If you can, log the instant of"
-        " sampling in microseconds"
-    )
-    return (Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row)),)
+    if moved:
+        error = 1e3 * math.sqrt(sum(run.stamp_error**2 for run in moved) / len(moved))
+        text = (
+            f"in {len(moved)} of {len(runs)} runs the positions show that samples were taken more evenly than their"
+            f" time stamps say, which are {error:.2g} ms RMS off; an even clock is used for them. If you can, log the"
+            " instant of sampling in microseconds"
+        )
+        yield Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row))
 
 
 def bounded(runs: list[Run]) -> list[Run]:

@@ -7,7 +7,8 @@ import pytest
 from motion_worlds import World, make, robot, score
 
 from pumaid.dataset import Log
-from pumaid.preprocessing.segment import SegmentOptions, segment
+from pumaid.preprocessing.binning import SegmentOptions
+from pumaid.preprocessing.segment import segment
 
 
 def batches(logs, size):

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from searches import LEVER, Din, Lab, covariances, design, left, lever, pendulum, roots, whitened
 from worlds import course, run_of
 
-from pumaid.dataset import Campaign
+from pumaid.dataset import first_motions
 from pumaid.diagnosis.candidates import settling
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
@@ -28,7 +28,7 @@ def uneven() -> JointBins:
     """Runs of 12, 1, 2 and 7 bins."""
     path = course("constant", -1.0, 1.0, duration=2.0, samples=48)
     runs = [run_of(LEVER, 1, [0.0], course=path, current=np.sin(path[1]), bins=bins) for bins in (12, 1, 2, 7)]
-    return joint_bins(LEVER, runs, campaign=Campaign.of(runs))[0]
+    return joint_bins(LEVER, runs, begun=first_motions(runs))[0]
 
 
 STATED = NoiseModel(

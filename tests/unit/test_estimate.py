@@ -8,7 +8,7 @@ import pytest
 import worlds
 from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, identified, only, truth_in_units
 
-from pumaid.dataset import Campaign, Dataset
+from pumaid.dataset import Dataset, first_motions
 from pumaid.diagnosis.compare import compare
 from pumaid.errors import LogError
 from pumaid.estimate import Estimate
@@ -247,7 +247,7 @@ def test_an_instant_lies_between_two_runs():
     """Of the time at which friction changed the interval holds the truth, as fine as the runs are."""
     truth, dataset = hiding(f"friction_step@{JOINT}")
     estimate = identify(dataset, PENDULUM, effects=[EffectChoice("friction_step", JOINT)])
-    begun = Campaign.of(dataset.runs).begun[JOINT, 0]
+    begun = first_motions(dataset.runs)[JOINT, 0]
     low, high = estimate.value("friction_step.j2.time").ci95
     assert low - 1.0 <= truth["time"] - begun + 1.0 and truth["time"] - begun <= high + 1.0
     starts = sorted(run.start - begun for run in dataset.runs if run.joint == JOINT)

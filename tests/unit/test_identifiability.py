@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from worlds import CRANE, PENDULUM, STANFORD, arm, dataset, drawn, experiment, only, puma, truth_in_units
 
-from pumaid.dataset import Campaign, Dataset
+from pumaid.dataset import Dataset, first_motions
 from pumaid.estimation.estimate import identify
 from pumaid.joint_bins import samples_of
 from pumaid.model import Model
@@ -42,7 +42,7 @@ def test_blind_directions_change_no_fitted_run():
     assert estimate.blind.shape[1] > 0
     for run in found.runs:
         scales = np.nan_to_num(estimate.scales[run.joint - 1])[model.owners - 1]
-        rows = model.regressor(samples_of(run, Campaign.of([run]))) * scales
+        rows = model.regressor(samples_of(run, first_motions([run]))) * scales
         assert np.abs(rows @ estimate.blind).max(initial=0.0) < 0.02 * np.abs(run.bins.current).max()
 
 

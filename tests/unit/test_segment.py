@@ -7,7 +7,8 @@ import pytest
 
 from pumaid.dataset import Log
 from pumaid.errors import PumaidError
-from pumaid.preprocessing.segment import SegmentOptions, segment
+from pumaid.preprocessing.binning import SegmentOptions
+from pumaid.preprocessing.segment import segment
 from pumaid.robot import Joint, Robot
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute"), Joint(3, "slide", "prismatic")))

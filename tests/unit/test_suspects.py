@@ -11,8 +11,9 @@ import pytest
 from pumaid.dataset import Bins, Dataset
 from pumaid.errors import LogError
 from pumaid.io.log_reader import LogReader
+from pumaid.preprocessing.binning import SegmentOptions
 from pumaid.preprocessing.ingest import ingest
-from pumaid.preprocessing.segment import SegmentOptions, segment
+from pumaid.preprocessing.segment import segment
 from pumaid.robot import Joint, Robot
 
 ARM = Robot("arm", (Joint(1, "base", "revolute"), Joint(2, "arm", "revolute")))

@@ -36,10 +36,10 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
 @options.logs_argument
 @click.option(
     "--kinds",
-    type=click.Choice(["both", "constant", "stroke", "block"]),
+    type=click.Choice(["both", "constant", "stroke"]),
     metavar="KIND",
     default="both",
-    help="constant (speed), stroke, block or both.",
+    help="constant (speed), stroke or both.",
 )
 @click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
 @click.option("--min-travel", type=_POSITIVE, metavar="X", help="Least travel, rad or m. [default: 0.02]")
