@@ -19,7 +19,7 @@ from pumaid.io.plan_file import find_plan, read_plan
 from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes
 from pumaid.io.write import write_file
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.hold_out import hold_out, match_with_plan
+from pumaid.preprocessing.replicates import hold_out, match_with_plan
 from pumaid.results.documents import check_same_recipe, read_model
 from pumaid.robot import Robot
 
@@ -27,6 +27,10 @@ from pumaid.robot import Robot
 LOGS, MODEL, DATASET = "logs", "results/model.json", "dataset.npz"
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
+
+
+def _silent(*_: object) -> None:
+    """What a report is where nobody listens."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,8 @@ class Experiment:
     jobs: int = 0  # processes at most; 0: one a core
     dask: str = ""  # a Dask cluster's scheduler, or ``local``
     is_kept: bool = True  # the dataset is written for whoever reads these logs next
-    tell: Callable[[str], None] = lambda text: None  # called with a sentence on what was read or written
-    progress: Callable[[int, int], None] = lambda done, count: None  # called with the number of files done, of how many
+    tell: Callable[[str], None] = _silent  # called with a sentence on what was read or written
+    progress: Callable[[int, int], None] = _silent  # called with the number of files done, of how many
 
     @cached_property
     def recipe_path(self) -> Path:

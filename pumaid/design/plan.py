@@ -5,10 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.design.collision import Collision
-from pumaid.design.information import RATE, absent_names, parameter_names, predicted_errors
+from pumaid.design.candidate_runs import Collision
+from pumaid.design.information import (
+    RATE,
+    Payload,
+    Prior,
+    absent_names,
+    parameter_names,
+    predicted_errors,
+    prior_robots,
+)
 from pumaid.design.planner import POSTURES, SPEEDS, Planner
-from pumaid.design.prior import Payload, Prior, prior_robots
 from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
 from pumaid.preprocessing.binning import DEFAULTS

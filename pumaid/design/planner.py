@@ -12,19 +12,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.design.candidate_runs import SHARES, Block, Sweep, free_blocks, home, postures, speeds, sweeps
-from pumaid.design.collision import Collision
+from pumaid.design.candidate_runs import SHARES, Block, Collision, Sweep, free_blocks, home, postures, speeds, sweeps
 from pumaid.design.information import (
     CandidateInformation,
     ContinuousDesign,
     Criterion,
     Exchange,
+    Prior,
     candidate_information,
     continuous_design,
     existing_names,
     rounded,
 )
-from pumaid.design.prior import Prior
 from pumaid.errors import ModelError, Where
 from pumaid.maths import Counts, Floats
 from pumaid.model import minimal

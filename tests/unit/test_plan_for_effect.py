@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from menus import arm
 
+from pumaid.design.information import prior_robots
 from pumaid.design.plan import plan
-from pumaid.design.prior import prior_robots
 from pumaid.diagnosis.discrimination import (
     Separation,
     candidates,
