@@ -15,11 +15,12 @@ from pumaid.design.information import (
     continuous_design,
     gravity_names,
     gravity_slopes,
+    loaded,
     predicted_errors,
+    robot_of_estimate,
     run_moments,
 )
 from pumaid.design.plan import plan
-from pumaid.design.prior import loaded, robot_of_estimate
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.robot import Joint, Robot

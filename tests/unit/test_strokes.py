@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from worlds import course, run_of
 
-from pumaid.dataset import Campaign, Dataset, Log
+from pumaid.dataset import Dataset, Log, first_motions
 from pumaid.effect_spec import expanded
 from pumaid.effects import catalogue
 from pumaid.estimation.estimate import identify
@@ -134,7 +134,7 @@ def fitted(seed: int, kinds: tuple[str, ...]) -> Fit:
     """The fit of runs of some kinds, its friction with the hidden velocity."""
     runs = [run for run in logged(seed).runs if run.kind in kinds]
     wanted = expanded([EffectChoice("stribeck", 1, {"exponent": 1.0, "velocity": VELOCITY})], PENDULUM)
-    return fit_effects(Model.of_runs(PENDULUM, runs), runs, wanted, campaign=Campaign.of(runs)).fit
+    return fit_effects(Model.of_runs(PENDULUM, runs), runs, wanted, begun=first_motions(runs)).fit
 
 
 def test_the_hidden_velocity_is_within_its_interval():
