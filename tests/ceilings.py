@@ -1,9 +1,9 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25378,
-    "statements": 15529,
-    "modules": 128,
+    "lines": 25336,
+    "statements": 15489,
+    "modules": 125,
     "import depth": 12,
     "lines of tests and tools": 22058,
     "words of documents": 29900,
