@@ -148,9 +148,7 @@ def test_another_arms_logs_are_refused():
         segment([log()], Robot("one", ARM.joints[:1]))
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"kinds": "all"}, {"min_duration": 0.0}, {"speed_tolerance": 1.5}, {"window": 10}, {"held_share": -1.0}]
-)
+@pytest.mark.parametrize("wrong", [{"kinds": "all"}, {"min_duration": -1.0}, {"speed_tolerance": 1.5}, {"window": 10}])
 def test_impossible_options_are_refused(wrong):
     """The option, its value and what to give are told."""
     with pytest.raises(PumaidError, match=str(next(iter(wrong.values())))) as caught:
