@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 15489,
     "modules": 125,
     "import depth": 12,
-    "lines of tests and tools": 22058,
+    "lines of tests and tools": 22057,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
