@@ -51,9 +51,7 @@ class LeastSquares:
     @property
     def determined(self) -> Flags:
         """(p,) whether each parameter is free of every blind direction."""
-        if self.blind.size == 0:
-            return np.ones(len(self.values), dtype=bool)
-        return np.max(np.abs(self.blind), axis=1) < SHARE_TOLERANCE
+        return np.max(np.abs(self.blind), axis=1, initial=0.0) < SHARE_TOLERANCE
 
 
 def least_squares(
@@ -69,16 +67,14 @@ def least_squares(
     Source: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, ch. 14 (the paper used their HFTI).
     """
     norms = np.linalg.norm(rows, axis=0)
-    if not norms.any():
-        p = len(norms)
-        return LeastSquares(np.zeros(p), np.zeros((p, p)), np.eye(p))
     inverse_scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     if limit is not None:
         inverse_scale = np.where(norms > 0, limit, 0.0)
     basis, singular, right = np.linalg.svd(rows * inverse_scale, full_matrices=len(rows) < len(norms))
     full = np.zeros(len(norms))
     full[: len(singular)] = singular
-    is_shown = full > (tolerance * full[0] if limit is None else max(1.0, ROUNDING * full[0]))
+    largest = singular.max(initial=0.0)
+    is_shown = full > (tolerance * largest if limit is None else max(1.0, ROUNDING * largest))
     shown = np.flatnonzero(is_shown)
     half = inverse_scale[:, None] * (right[shown].T / full[shown])
     values = half @ (basis[:, shown].T @ target)
@@ -285,14 +281,11 @@ class Bilinear:
     target: Floats
     owners: Counts
 
-    def factors(self, gains: Gains) -> Floats:
-        """(n, p) eta_row / eta_owner of every row and column; unknown ratios count as zero."""
-        shared = np.ones((gains.n_rows, 1))  # what owner -1 finds
-        return np.hstack([np.nan_to_num(gains.scales()), shared])[:, self.owners]
-
     def scaled(self, gains: Gains) -> Floats:
         """(N, p) regressors times eta_row / eta_owner; unknown ratios count as zero."""
-        return self.regressors * self.factors(gains)[self.row]
+        shared = np.ones((gains.n_rows, 1))  # what owner -1 finds
+        factors = np.hstack([np.nan_to_num(gains.scales()), shared])[:, self.owners]
+        return self.regressors * factors[self.row]
 
     def left(self, values: Floats, gains: Gains) -> Floats:
         """(N,) what parameters and ratios leave of the target."""

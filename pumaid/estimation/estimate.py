@@ -1,7 +1,11 @@
-"""Identification: runs, and effects beyond the paper's model, to every parameter with its honest uncertainty."""
+"""Identification: runs, and effects beyond the paper's model, to every parameter with its honest uncertainty, and what
+a user should know of the fit: each note with its slug, its test, what it says and what to do.
+"""
 
+import itertools
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +13,84 @@ import numpy as np
 from pumaid import __version__
 from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.effect_spec import expanded
-from pumaid.errors import LogError, Where
+from pumaid.effects import Family, Trace, load_refusal
+from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
-from pumaid.estimation import warnings
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
-from pumaid.estimation.gls import Progress, interval
+from pumaid.estimation.fit import Fit, FitRow
+from pumaid.estimation.gls import Progress, interval, two_sided
 from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_postures, reason
+from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
+from pumaid.joint_bins import JointBins, joint_bins
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.model import Model
+from pumaid.preprocessing.replicates import Pair
 from pumaid.robot import EffectChoice, Robot
+from pumaid.units import number
+
+#: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
+FAR = 2.0
+#: Share of a joint's current (RMS) that a misfit must be besides.
+SEEN = 1e-3
+#: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs.
+FEWEST, DISOWNED = 8, 4.0
+#: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
+#: share of the runs that may be: more are another matter.
+ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
+#: Standard deviation of normal values over the median of their deviations.
+SCATTER = 1.4826
+#: Multiple of the usual variance of a bin beyond which their mean is one of outliers (normal noise has 2.2 at most);
+#: bins from which a run's own outliers are found.
+SPIKY, ENOUGH = 15.0, 24
+#: Singular values below this share of the largest are left out where one file is fitted by itself.
+_RCOND = 1e-3
+#: Replicates of a joint that show a change, and the p-value below which it is one.
+FEWEST_REPEATS, CHANCE = 6, 1e-5
+#: Share of the noise floor that a change must be to matter; no change below a share of the current does, either.
+CHANGE = 0.5
+#: Condition beyond which a change in proportion to the current is confounded with the others.
+ALIKE = 30.0
+#: What a change may be: its unit, what it goes with, and its cause.
+KINDS = (
+    ("A", "whichever way it moves", "likely a sensor offset, an encoder zero or its load changed"),
+    ("A", "in the direction of motion", "friction changed, as when it warms up ('pumaid diagnose' tells)"),
+    ("%", "in proportion to it", "its gain changed"),
+)
+#: Share of a joint's load on another's motor below which it is not spoken of.
+SMALLEST_PART = 1e-3
+#: Sine of the angle between axes up to which they are parallel.
+PARALLEL = 1e-6
+#: Standard errors beyond which a gain ratio, and an inertia, has a sign.
+SURELY, NEGATIVE = 5.0, 3.0
+
+
+#: Slug (and variant) -> what a note says and what to do.
+TEXTS = {
+    "logs-disagree": "the model's error at joint {joint} is {misses} A RMS, and {file} is inconsistent with the other"
+    " logs: {evidence}. Check that it is the same robot with the same payload, zeros, units and columns",
+    "model-misses": "the model's error at joint {joint} is {misses} A RMS, its {level} A. Its intervals may not hold"
+    " the truth; if no column is wrong, 'pumaid diagnose' tells what is missing",
+    "run-stands-out": "{count} of {runs} runs of joint {joint} unlike the others: the model's error there is {error} A"
+    " RMS, where the median run has {usual} A; the first begins at {start} s. Did the arm touch something? Estimates"
+    " are biased by it, and no interval includes that",
+    "current-spikes": "the current of joint {joint} has spikes: noise is {noise} A RMS, but {usual} A in a typical half"
+    " of the data. Spikes that occur in one direction only bias friction and gravity: look at the samples",
+    "repeats-differ": "joint {joint} draws {change} ± {error} {unit} {sign} {goes} in the last of {runs} repeated runs"
+    " than in the first of them: {cause}. Estimates are averages of before and after",
+    "few-runs": "joint {joint} has {runs} only: its intervals rest on the noise inside runs and do not include how"
+    " repeated runs differ",
+    "load-through-gears": "by the recipe's gears (coupling) {passed}; this model leaves that out, so gravity and gain"
+    " ratios are biased{beside}",
+    "friction-falls-with-speed": "friction of joint {joint} falls with speed going {way} ({slope}), which viscous"
+    " friction does not: Stribeck friction dominates, or something else changed with speed",
+    "sign-odd": "{name} is {sign} ({size}) although friction shows that the two currents have {same}. Check"
+    " signs in the DH table, of the position columns and of gravity",
+    "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
+    " current or position is late or smoothed",
+    "effects-not-settled": "the fit with {names} did not converge; two of its effects may be confounded",
+    "several-clocks": "the logs have {clocks} clocks: {name} starts its time anew in each",
+}
 
 
 def identify(
@@ -62,7 +135,7 @@ def identify(
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
     repeated = {joint: prediction.repeated for joint, prediction in at_joints.items()}
-    notes = warnings.notes_on(result, estimate, robot=robot, repeated=repeated)
+    notes = notes_on(result, estimate, robot=robot, repeated=repeated)
     return replace(estimate, notes=(*dataset.notes, *notes))
 
 
@@ -70,9 +143,8 @@ def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Cove
     """What a fit says of the arm's parameters; joints' figures are left out."""
     fitted, model = result.fit, result.fit.model
     assert fitted.first is not None
-    of_recursion = FittedParameters.of(fitted.first, coverage)
-    parameters = of_recursion if recursive else FittedParameters.of(fitted, coverage)
-    parameters = replace(parameters, profiles=_profiles(result, parameters))
+    parameters = FittedParameters(fitted.first if recursive else fitted, coverage)
+    parameters.profiles = _profiles(result, parameters)
     values = parameters.values()
     is_shape = np.array([column.shape is not None for column in model.columns], dtype=bool)
     return Estimate(
@@ -86,7 +158,7 @@ def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Cove
         blind=parameters.reach()[: len(is_shape)],
         effects=tuple(replace(choice, shape=shape) for choice, shape in zip(choices, result.shapes, strict=True)),
         combinations=parameters.combinations(values),
-        recursive=of_recursion.values(),
+        recursive=FittedParameters(fitted.first, coverage).values(),
         method="recursive" if recursive else "joint",
         recipe_digest=model.robot.digest,
         geometry=model.robot.geometry,
@@ -161,3 +233,245 @@ def _joint_fit(result: EffectFit, joint: int, covered: Sequence[Run], prediction
         posture_groups=outer_postures(covered),
         kinds=dict(sorted(Counter(run.kind for run in prediction.bins.runs if not run.heldout).items())),
     )
+
+
+def _note(kind: str, where: Where | None = None, **values: object) -> Note:
+    """An entry of `TEXTS` with its values, those that are numbers in three digits."""
+    where = where or Where()
+    shown = {name: number(value) if isinstance(value, float) else value for name, value in values.items()}
+    return Note(kind.split(",")[0], TEXTS[kind].format(joint=where.joint, **shown), where)
+
+
+def notes_on(
+    result: EffectFit, estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
+) -> Iterator[Note]:
+    """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
+    fitted, effects = result.fit, result.fit.model.effects
+    yield from of_misfit(fitted, estimate.joints)
+    yield from of_runs(fitted)
+    yield from of_drift(estimate.joints, repeated)
+    for joint in sorted(fitted.weak):
+        runs = len(fitted.row(joint).bins.runs)
+        yield _note("few-runs", Where(joint=joint), runs=f"{runs} run{'s' if runs > 1 else ''}")
+    yield from of_gears(fitted, robot)
+    # Beside another effect of speed, a viscous term is a part of friction only.
+    of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
+    yield from of_signs(estimate.values, of_speed)
+    if not result.is_settled:
+        yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
+    timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
+    clocks = len({run.clock for row in fitted.rows for run in row.bins.runs})
+    if timed and clocks > 1:
+        yield _note("several-clocks", clocks=clocks, name=timed[0])
+
+
+def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
+    """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
+
+    Noise is what is left of each run by its own harmonic, or the noise floor if that is less.
+    """
+    for system in fitted.rows:
+        row, joint = fitted.row(system.joint), next(fit for fit in joints if fit.joint == system.joint)
+        misses, size = joint.rmse or 0.0, math.sqrt(row.bins.mean_square)
+        squares, samples = _inside(row.bins)
+        noise, floor = float(np.sqrt(np.average(squares, weights=samples))), joint.noise_floor or 0.0
+        noise = noise if joint.noise_floor is None else min(noise, joint.noise_floor)
+        if misses <= max(FAR * noise, SEEN * size):
+            continue
+        name, evidence = _outlier_file(row, system.design)
+        kind = "logs-disagree" if name else "model-misses"
+        level = f"noise floor {number(floor)}" if 0.0 < floor < misses else f"noise inside runs {number(noise)}"
+        facts = {"misses": misses, "level": level, "file": name, "evidence": evidence}
+        yield _note(kind, Where(file=name, joint=joint.joint), **facts)
+
+
+def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
+    """The file with the largest error under a fit to all other runs, and what shows it."""
+    origins, bins, suspects = np.array([run.origin for run in row.bins.runs]), row.bins, list[tuple[float, str, str]]()
+
+    def error(judged: Flags, fitted: Flags) -> float:
+        """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out."""
+        source, target = fitted[bins.run], judged[bins.run]
+        table = np.sqrt(bins.count[source])[:, None] * np.column_stack([design[source], row.misfit[source]])
+        correction = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RCOND)[0]
+        residual = row.misfit[target] - design[target] @ correction
+        return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
+
+    for name in dict.fromkeys(origins.tolist()):
+        rest = origins != name
+        if np.count_nonzero(rest) < FEWEST:
+            continue
+        # The rest is judged by halves, each by a fit to the other, so that noise gains nothing; neighbouring runs go to
+        # and fro, and pairs of them keep both directions in each half.
+        first = rest & np.isin(np.cumsum(rest) % 4, (0, 1))
+        second = rest & ~first
+        usual = float(np.hypot(error(first, second), error(second, first)) / np.sqrt(2.0))
+        missed = error(~rest, rest)
+        why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(usual)} A"
+        suspects += [(missed / usual, name, why)] if missed > DISOWNED * usual else []
+    return max(suspects, default=(0.0, None, ""))[1:]
+
+
+def of_runs(fitted: Fit) -> Iterator[Note]:
+    """Notes on single runs that the model misses far more than the others of their joint, and on noise of outliers.
+
+    Both pass for noise everywhere else: they make intervals wide, and no other note tells what they move. Where the
+    model misses a whole joint no run is named.
+
+    Source
+    ------
+    F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383-393: the median and the deviation from it, here of logarithms.
+    """
+    for row in fitted.joints:
+        bins, samples = row.bins, row.bins.sums(row.bins.count)
+        level = bins.sums(bins.count * row.misfit) / samples
+        about = (row.misfit - level[bins.run]) ** 2 + bins.inside_left(row.drawn)
+        rms = np.sqrt(bins.sums(bins.count * about) / samples)
+        # What accelerates leaves more, by all that a change of speed does.
+        steady = np.flatnonzero(~bins.accelerates)
+        if len(steady) < FEWEST:
+            continue
+        size, usual = math.sqrt(bins.mean_square), float(np.median(rms[steady]))
+        noise = float(np.median(np.sqrt(_inside(bins)[0][steady])))
+        is_met = usual > 0.0 and float(np.median(np.hypot(rms, level)[steady])) <= FAR * noise
+        odd = steady[_outlying(rms[steady], least=max(ODD * usual, SEEN * size))] if is_met else steady[:0]
+        if 0 < len(odd) <= MOST_ODD * len(steady):
+            first, error = bins.runs[odd[0]], float(np.sqrt(np.mean(rms[odd] ** 2)))
+            where = Where(file=first.origin, row=first.first_row, joint=bins.joint)
+            facts = {"count": len(odd), "runs": len(steady), "start": float(first.start)}
+            yield _note("run-stands-out", where, error=error, usual=usual, **facts)
+            continue
+        sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
+        if not len(odd):
+            sizes = _spikes(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
+        if sizes and sizes[1] > SEEN * size:
+            yield _note("current-spikes", Where(joint=bins.joint), usual=sizes[0], noise=sizes[1])
+
+
+def _outlying(rms: Floats, *, least: float) -> Flags:
+    """(n,) runs whose RMS (A) is beyond `least` and beyond what the others' scatter lets any of n be by chance."""
+    logs = np.log(np.maximum(rms, np.finfo(float).tiny))
+    off = logs - np.median(logs)
+    scatter = max(SCATTER * float(np.median(np.abs(off))), np.finfo(float).eps)
+    chance = np.array([two_sided(size, len(rms) - 1) for size in off / scatter])
+    return (rms > least) & (chance * len(rms) < FAMILYWISE)
+
+
+def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
+    """(N,) A that each run's own first harmonic, and in strokes its motion, leave; and (R,) their numbers of terms."""
+    v, stroke = bins.samples.velocity[:, bins.joint - 1], bins.accelerates[bins.run]
+    motion = [np.ones(len(v)), stroke * v, stroke * bins.samples.acceleration]
+    drawn, terms = fit_each_run(bins, np.column_stack([bins.harmonic, *motion]))
+    return bins.current - drawn, terms
+
+
+def _inside(bins: JointBins) -> tuple[Floats, Floats]:
+    """(R,) A2 of a sample that each run's own first harmonic leaves, in a block that straight lines in cells leave, and
+    (R,) its samples.
+    """
+    residual, terms = _beside_harmonics(bins)
+    inside = bins.inside_left(bins.current - residual)
+    samples = bins.sums(bins.count)
+    squares = bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0)
+    return np.where(bins.is_block, bins.sums(bins.count * bins.inside) / samples, squares), samples
+
+
+def _spikes(bins: JointBins) -> list[float]:
+    """Usual and RMS noise (A) of runs where it is mostly outliers, inside bins or from bin to bin; else none.
+
+    Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
+    """
+    residual = np.split(_beside_harmonics(bins)[0], bins.first[1:])
+    inside = np.split(bins.inside, bins.first[1:])
+    long = np.flatnonzero(~bins.accelerates & (bins.lengths >= ENOUGH))
+    # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
+    squares = [np.diff(residual[n], n=3) ** 2 / 20.0 + inside[n][3:] for n in long]
+    usual, mean = (np.array([part(values) for values in squares]) for part in (np.median, np.mean))
+    is_noisy = usual > 0.0
+    if np.count_nonzero(is_noisy) < FEWEST or np.median(mean[is_noisy] / usual[is_noisy]) <= SPIKY:
+        return []
+    return [float(np.sqrt(np.median(usual[is_noisy]))), float(np.sqrt(mean[is_noisy].mean()))]
+
+
+def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]]) -> Iterator[Note]:
+    """A note for each joint whose current changed between the first and the last of its repeated runs.
+
+    The same whichever way the joint moved, a sensor's zero or a load changed; with the motion, friction; in proportion,
+    a gain.
+    """
+    for fit in joints:
+        last = [pair for pair in repeated.get(fit.joint, ()) if pair.is_last]
+        ways = np.array([pair.first.direction for pair in last], dtype=float)
+        if min(np.count_nonzero(ways > 0), np.count_nonzero(ways < 0)) < FEWEST_REPEATS // 2:
+            continue
+        drawn = np.array([np.average(pair.first.bins.current, weights=pair.first.bins.count) for pair in last])
+        design = np.column_stack([np.ones(len(last)), ways, drawn])
+        if np.linalg.cond(design / np.maximum(np.abs(design).max(axis=0), 1e-12)) > ALIKE:
+            design = design[:, :2]
+        matters = max(CHANGE * (fit.noise_floor or 0.0), SEEN * float(np.sqrt(np.mean(drawn**2))))
+        change, dof = np.array([pair.more for pair in last]), len(last) - design.shape[1]
+        inverse = np.linalg.inv(design.T @ design)
+        sizes = inverse @ design.T @ change
+        variance = float(np.sum((change - design @ sizes) ** 2)) / max(dof, 1)
+        errors = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300))
+        moved = np.abs(sizes) * np.sqrt(np.mean(design**2, axis=0))
+        for n, (unit, goes, cause) in enumerate(KINDS[: len(sizes)]):
+            if two_sided(sizes[n] / errors[n], dof) >= CHANCE or moved[n] <= matters:
+                continue
+            factor = 100.0 if unit == "%" else 1.0
+            facts = {"change": factor * abs(float(sizes[n])), "error": factor * float(errors[n]), "runs": len(last)}
+            more = {"unit": unit, "sign": "more" if sizes[n] > 0 else "less", "goes": goes, "cause": cause}
+            yield _note("repeats-differ", Where(joint=fit.joint), **facts, **more)
+
+
+def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
+    """Loads that the recipe's gears (`coupling`) pass to motors of other joints, where the model leaves them out."""
+    if not robot.coupling:
+        return
+    # Power is the same on either side: what motors carry of the joints' loads, by joint and motor.
+    share = np.linalg.inv(robot.shaft_speeds)
+    modelled = {(term.joint, term.shape.get("on")) for term in fitted.model.effects}
+    passed, parallel = [], []
+    for joint, motor in itertools.product(range(1, robot.n_joints + 1), sorted(row.joint for row in fitted.rows)):
+        part, is_modelled = float(share[joint - 1, motor - 1]), (joint, float(motor)) in modelled
+        if joint <= motor or abs(part) < SMALLEST_PART or is_modelled or load_refusal(robot, joint) is not None:
+            continue
+        passed.append(
+            f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
+        )
+        if joint == motor + 1 and math.hypot(*robot.joint(joint).frame[:2, 2]) < PARALLEL:
+            parallel.append(
+                f"; axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of"
+                f" which what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"
+            )
+    if passed:
+        yield _note("load-through-gears", passed="; ".join(passed), beside="".join(parallel))
+
+
+def of_signs(values: Sequence[Value], of_speed: Collection[int | None] = ()) -> Iterator[Note]:
+    """Gain ratios and inertias whose sign is surely not that by which the motors count their friction, and viscous
+    terms, but at joints `of_speed`, of the sign opposite to their Coulomb friction.
+    """
+    certain = {value.name: value for value in values if value.value is not None and value.std_error and value.ci95}
+    sizes = {value.name: value.value or 0.0 for value in values}
+    ways: dict[int | None, float] = {}
+    for value in certain.values():
+        back = certain.get(value.name.replace(".plus", ".minus"))
+        if value.name.startswith("coulomb") and value.name.endswith(".plus") and back and value.ci95 and back.ci95:
+            surely = value.ci95[0] > back.ci95[1] or back.ci95[0] > value.ci95[1]
+            ways[value.joint] = math.copysign(float(surely), (value.value or 0.0) - (back.value or 0.0))
+    for value in certain.values():
+        size, error, joint = value.value or 0.0, value.std_error or 0.0, value.joint or 0
+        where, shown = Where(joint=joint), f"{number(size)} ± {number(error, 2)} {value.unit}"
+        if value.name == f"gain_ratio.{joint}.{joint + 1}":
+            pair = ways.get(joint, 0.0) * ways.get(joint + 1, 0.0)
+            sign, same = ("negative", "the same sign") if pair > 0 else ("positive", "opposite signs")
+            if size * pair < -SURELY * error * abs(pair):
+                yield _note("sign-odd", where, name=value.name, sign=sign, size=size, same=same)
+        if value.name.startswith("inertia.j") and size * ways.get(joint, 0.0) < -NEGATIVE * error:
+            yield _note("sign-odd, inertia", where, size=shown)
+        friction = sizes.get(f"coulomb.j{joint}.plus", 0.0) - sizes.get(f"coulomb.j{joint}.minus", 0.0)
+        is_sure = value.ci95 is not None and not value.ci95[0] <= 0.0 <= value.ci95[1]
+        if value.name.startswith("viscous") and joint not in of_speed and friction * size < 0.0 and is_sure:
+            way = "forward" if value.name.endswith("plus") else "backward"
+            yield _note("friction-falls-with-speed", where, way=way, slope=shown)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -258,9 +258,8 @@ def of_ratio(
     return reason(kind, inner=inner, outer=outer, felt=number(felt, 2), noise=number(noise, 2))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class FittedParameters:
-    """The parameters of a fit over all joints, or of the recursion that it began with, and what is known of them.
+    """The parameters of a fit over all joints, or of the recursion `Fit.first`, and what is known of them.
 
     `covariance` (P, P) is of parameters and ratios, `freedoms` (P,) are behind each variance; `coverage` has the
     fitted runs of each joint. `confounded` names what the data show only together with a parameter or ratio (from
@@ -268,21 +267,10 @@ class FittedParameters:
     over whole. `profiles` has profile-likelihood intervals by column.
     """
 
-    fitted: Fit
-    covariance: Floats
-    freedoms: Floats
-    coverage: Coverage
-    confounded: Mapping[int, tuple[str, ...]]
-    effects: Counts
-    sums: Floats
-    profiles: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, fitted: Fit, coverage: Coverage) -> "FittedParameters":
-        """Of a fit, or of the recursion, `Fit.first`."""
-        covariance, dof = covariance_of(fitted)
-        names, effects, sums = confounded(fitted)
-        return cls(fitted, covariance, dof, coverage, confounded=names, effects=effects, sums=sums)
+    def __init__(self, fitted: Fit, coverage: Coverage) -> None:
+        self.fitted, self.coverage, self.profiles = fitted, coverage, dict[int, tuple[float, float]]()
+        self.covariance, self.freedoms = covariance_of(fitted)
+        self.confounded, self.effects, self.sums = confounded(fitted)
 
     def reach(self) -> Floats:
         """(P, b) undetermined directions of parameters and ratios, as long as is plausible (see `Estimate.blind`)."""
