@@ -16,7 +16,7 @@ from pumaid.robot import ALL, EffectChoice, Robot, read_choice
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
-#: Step of a numerical derivative by a shape, as a share of the shape's own scale: its square is far below any interval.
+#: Step of a numerical derivative, as a share of what counts as the scale there: its square is far below any interval.
 STEP = 1e-4
 #: Columns of an effect below this share of its largest are rounding.
 ROUNDING = 1e-11

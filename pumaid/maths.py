@@ -29,8 +29,8 @@ Flags = NDArray[np.bool_]
 RELATIVE_TOLERANCE = 1e-9
 #: With limits the columns are not scaled to one length, so only what is surely rounding of the largest counts as zero.
 ROUNDING = 1e-13
-#: Eigenvalues of a scaled information below this share of the largest are directions that the data do not show; columns
-#: shorter than a share of the longest are zero but for rounding.
+#: Eigenvalues of a scaled information, or singular values of columns, below this share of the largest are directions
+#: that the data do not show; columns shorter than a share of the longest are zero but for rounding.
 FLAT, FAINT = 1e-10, 1e-12
 #: A parameter whose share in an undetermined unit direction is below this does not belong to it (rounding).
 SHARE_TOLERANCE = 1e-6

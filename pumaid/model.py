@@ -49,13 +49,12 @@ class Structure:
 
 def in_motion(robot: Robot) -> Structure:
     """The parameters of gravity that no motion of all joints shows; ratios of gains are left to the data."""
-    shown = {(link, part.removeprefix("m") or "mass") for link, part in base_parameters(robot).names}
-    weightless, absent = minimal(robot).absent, {}
+    shown, weightless, absent = {column.name for column in body_columns(robot)}, minimal(robot).absent, {}
     for joint in robot.joints:
         other = f"no motion shows the weight of link {joint.number} ({joint.name}) apart from that of other links"
         for parameter in catalogue()["gravity"].parameters(robot, joint.number):
-            if (joint.number, parameter.name) not in shown:
-                name = f"gravity.l{joint.number}.{parameter.name}"
+            name = f"gravity.l{joint.number}.{parameter.name}"
+            if name not in shown:
                 absent[name] = weightless.get(name, other)
     return Structure(absent)
 
@@ -127,11 +126,11 @@ class Model:
     def __init__(self, robot: Robot, effects: Sequence[EffectTerm] = (), *, is_dynamic: bool = False) -> None:
         self.robot, self.is_dynamic = robot, is_dynamic
         self.structure: Structure = in_motion(robot) if is_dynamic else minimal(robot)
-        self._base = tuple(self._base_columns())
+        body = body_columns(robot) if is_dynamic else []
+        self._base = (*(column for column in body if column.effect == INERTIA), *self._paper_columns())
         names = [column.name for column in self._base]
         #: Columns of the rigid body's base parameters, in their order.
-        inertial = rigid_body_names(robot) if is_dynamic else []
-        self.inertial = np.array([names.index(name) for name in inertial], dtype=np.int64)
+        self.inertial = np.array([names.index(column.name) for column in body], dtype=np.int64)
         self._base_designs = WeakKeyDictionary[JointBins, Floats]()  # shared by models with other effects
         self._choose(effects)
 
@@ -167,19 +166,12 @@ class Model:
         is_dynamic = any(name.startswith((f"{INERTIA}.l", "rotor.")) for name in estimate.names)
         return cls(robot, effects, is_dynamic=is_dynamic)
 
-    def _base_columns(self) -> Iterable[Column]:
+    def _paper_columns(self) -> Iterable[Column]:
         """Every parameter of the paper's model that exists for this arm, effect by effect."""
         chosen = sorted(
             (effect for effect in catalogue().values() if effect.base),
             key=lambda effect: (effect.scope is not Scope.LINK, effect.name),
         )
-        for name in rigid_body_names(self.robot) if self.is_dynamic else ():
-            kind, owner, *part = name.split(".")
-            symbol = f"I{owner[1:]}{part[0] if part else ''}"
-            unit = UNITS.get(kind if kind == "rotor" else part[0], ("A s2 m", "A s2/rad"))
-            turns = self.robot.joint(int(owner[1:])).is_revolute
-            if kind != "gravity":
-                yield Column(name, symbol, unit[turns], int(owner[1:]), INERTIA, scope=Scope.LINK)
         for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
             parts = EffectTerm(effect, number).parts(self.robot, None)
             yield from (replace(part, span=math.inf) for part in parts if part.name not in self.structure.absent)
@@ -235,13 +227,7 @@ class Model:
 
     def beyond(self, samples: Samples) -> Floats:
         """(M, e) the columns of chosen effects, in the order in which they come after the paper's model."""
-        parts = [np.zeros((len(samples), 0))]
-        for place, term in enumerate(self.effects):
-            if term.touches(samples.joint):
-                parts.append(term.columns(self.robot, samples))
-            else:
-                parts.append(np.zeros((len(samples), sum(column.place == place for column in self.columns))))
-        return np.hstack(parts)
+        return np.hstack([np.zeros((len(samples), 0)), *(term.columns(self.robot, samples) for term in self.effects)])
 
     def factors(self, scales: Floats, joint: int) -> Floats:
         """(p,) what multiplies each parameter in joint `joint`: ratios (J, J) for links, NaN where unknown; else 1."""
@@ -257,14 +243,18 @@ class Model:
         return np.asarray(self.regressor(samples) @ (factors * estimate.solution))
 
 
-def rigid_body_names(robot: Robot) -> list[str]:
-    """The names that the base parameters of the rigid body have as parameters of a model."""
-    names = []
+def body_columns(robot: Robot) -> list[Column]:
+    """The base parameters of the rigid body as parameters of a model; of what is weight, too, the name counts."""
+    columns = []
     for link, part in base_parameters(robot).names:
-        weights = {"mx": "x", "my": "y"} if robot.joint(link).is_revolute else {"m": "mass"}
-        inertia = f"rotor.j{link}" if part == "rotor" else f"{INERTIA}.l{link}.{part}"
-        names.append(f"gravity.l{link}.{weights[part]}" if part in weights else inertia)
-    return names
+        turns, symbol = robot.joint(link).is_revolute, f"I{link}{part.removeprefix('rotor')}"
+        weights = {"mx": "x", "my": "y"} if turns else {"m": "mass"}
+        effect, name = INERTIA, f"rotor.j{link}" if part == "rotor" else f"{INERTIA}.l{link}.{part}"
+        if part in weights:
+            effect, name = "gravity", f"gravity.l{link}.{weights[part]}"
+        unit = UNITS.get(part, ("A s2 m", "A s2/rad"))[turns]
+        columns.append(Column(name, symbol, unit, link, effect, scope=Scope.LINK))
+    return columns
 
 
 def loads_along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:

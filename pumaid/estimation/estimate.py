@@ -38,13 +38,9 @@ FEWEST, DISOWNED = 8, 4.0
 #: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
 #: share of the runs that may be: more are another matter.
 ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
-#: Standard deviation of normal values over the median of their deviations.
-SCATTER = 1.4826
 #: Multiple of the usual variance of a bin beyond which their mean is one of outliers (normal noise has 2.2 at most);
 #: bins from which a run's own outliers are found.
 SPIKY, ENOUGH = 15.0, 24
-#: Singular values below this share of the largest are left out where one file is fitted by itself.
-_RCOND = 1e-3
 #: Replicates of a joint that show a change, and the p-value below which it is one.
 FEWEST_REPEATS, CHANCE = 6, 1e-5
 #: Share of the noise floor that a change must be to matter; no change below a share of the current does, either.
@@ -183,8 +179,7 @@ def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence
             elif shows:
                 out.append(replace(bare, value=term.shape[name], ci95=result.ranges.get((place, name))))
             else:
-                why = reason("no size", effect=term.effect.name)
-                out.append(replace(bare, state=NOT_IDENTIFIABLE, **why))
+                out.append(replace(bare, state=NOT_IDENTIFIABLE, **reason("no size", effect=term.effect.name)))
     return out
 
 
@@ -205,8 +200,7 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
         if lost or not term.fitted or term.held or not all(reach[n] > 0 for n in columns):
             continue
         linear = [n for n, column in columns.items() if column.shape is None]
-        best = term.at(result.shapes[place])
-        profile = ShapeLikelihood(result.without(place), best, result.fit.limit[linear])
+        profile = ShapeLikelihood(result.without(place), term.at(result.shapes[place]), result.fit.limit[linear])
         for n, column in columns.items():
             if column.shape is not None:
                 error = float(np.sqrt(parameters.covariance[n, n]))
@@ -293,7 +287,7 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
         """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out."""
         source, target = fitted[bins.run], judged[bins.run]
         table = np.sqrt(bins.count[source])[:, None] * np.column_stack([design[source], row.misfit[source]])
-        correction = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RCOND)[0]
+        correction = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-3)[0]
         residual = row.misfit[target] - design[target] @ correction
         return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
@@ -352,7 +346,8 @@ def _outlying(rms: Floats, *, least: float) -> Flags:
     """(n,) runs whose RMS (A) is beyond `least` and beyond what the others' scatter lets any of n be by chance."""
     logs = np.log(np.maximum(rms, np.finfo(float).tiny))
     off = logs - np.median(logs)
-    scatter = max(SCATTER * float(np.median(np.abs(off))), np.finfo(float).eps)
+    # Standard deviation of normal values: 1.4826 times the median of their deviations.
+    scatter = max(1.4826 * float(np.median(np.abs(off))), np.finfo(float).eps)
     chance = np.array([two_sided(size, len(rms) - 1) for size in off / scatter])
     return (rms > least) & (chance * len(rms) < FAMILYWISE)
 

@@ -19,8 +19,6 @@ from pumaid.model import Model, loads_at
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
 ABSORBED = 1e-5
-#: Share of the range that is physical by which a parameter is uncertain before any data.
-QUARTER = 0.25
 #: Share of an effect's squares beyond what is fitted already, below which there is only rounding.
 NOTHING = 1e-9
 
@@ -305,11 +303,11 @@ def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:
     """The size that a parameter of an effect may have before any data.
 
     `peaks` are joints and the most (A) that a unit of it draws there, `span` goes from the lowest to the highest value
-    that is physical.
+    that is physical; before any data a parameter is uncertain by a quarter of that.
     """
     tiny = np.finfo(float).tiny
     sizes = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
-    return min(sizes + [QUARTER * span] * math.isfinite(span), default=1.0)
+    return min(sizes + [0.25 * span] * math.isfinite(span), default=1.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

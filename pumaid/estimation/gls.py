@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from pumaid.effect_spec import scale_of
+from pumaid.effect_spec import STEP, scale_of
 from pumaid.effects import Scope
 from pumaid.estimation.fit import Fit, Row, clusters, design_of, plausible, with_loads
-from pumaid.estimation.noise import NoiseModel, estimate, excess, freedoms, inside_runs, noise_of
+from pumaid.estimation.noise import AT_ONCE, NoiseModel, estimate, excess, freedoms, inside_runs, noise_of
 from pumaid.joint_bins import JointBins
 from pumaid.maths import (
     LARGEST_RATIO,
@@ -32,8 +32,6 @@ Progress = Callable[[int, str], None]
 
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
-#: Step of a numerical derivative, as a share of the value.
-STEP = 1e-4
 #: How much firmer than its prior a shape is held at a bound.
 TIGHT = 1e6
 #: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray.
@@ -41,11 +39,6 @@ ASTRAY = 10.0
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
 #: residual tells nothing, and its variance is taken from the working model.
 FITTED_ALONE = 1e-3
-#: Runs that are worked on at once: what each pulls takes some 25 kB.
-AT_ONCE = 1000
-#: Share of the largest singular value of a row's scaled normal matrix below which there is only rounding: its columns'
-#: own singular values, squared, with four digits to spare above machine precision.
-ROUNDING = 1e-12
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
 
@@ -447,7 +440,8 @@ def recursion_covariance(system: Bilinear, values: Floats, gains: Gains, *, runs
         scale = np.linalg.norm(J, axis=0)
         back = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
         unit = J * back
-        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=ROUNDING, hermitian=True) * back
+        # The columns' own singular values, squared, with four digits to spare above machine precision.
+        inverse = back[:, None] * np.linalg.pinv(unit.T @ unit, rcond=1e-12, hermitian=True) * back
         outer = np.setdiff1d(np.arange(size), columns)
         carry = -inverse @ J.T @ jacobian[np.ix_(equations, outer)]
         alone, freedoms[columns] = clustered(J, residual[equations], inverse, runs=runs[equations])

@@ -41,8 +41,6 @@ MOST_POSTURES = 3
 LEANING = 0.02
 #: A sum is worth stating when one of its terms has an error this many times its own.
 WORTH = 30.0
-#: Terms below this share of the largest are rounding.
-SHARE = 1e-9
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
 ONE_SPEED = 0.02
 #: A current below this (A) is rounding, not a load.
@@ -280,9 +278,8 @@ class FittedParameters:
 
     def values(self) -> tuple[Value, ...]:
         """Every parameter, every ratio of neighbours, and where such is open the next one outward that is known."""
-        model, out = self.fitted.model, []
-        for index, column in enumerate(model.columns):
-            out.append(self._parameter(index, column))
+        model = self.fitted.model
+        out = [self._parameter(index, column) for index, column in enumerate(model.columns)]
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
@@ -314,8 +311,7 @@ class FittedParameters:
             if row is not None and column.effect == "gravity":
                 square = float(np.average(row.design[:, index] ** 2, weights=row.bins.count))
                 lever = math.sqrt(square) / float(np.linalg.norm(model.robot.gravity))
-            why = of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever)
-            return _open(bare, why)
+            return _open(bare, of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever))
         if self.fitted.first is None and self.fitted.system.owners[index] < 0:
             return _open(bare, reason("several joints"))
         variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
@@ -336,8 +332,7 @@ class FittedParameters:
         # Ratios are measured by another limit, and must not outshine the parameters.
         p = len(self.fitted.values)
         least = PART_OF * np.where(np.arange(len(share)) < p, share[:p].max(), share.max())
-        names = _names(self.fitted)
-        together = [name for n, name in enumerate(names) if share[n] > least[n] and n != index]
+        together = [name for n, name in enumerate(_names(self.fitted)) if share[n] > least[n] and n != index]
         return [*together, *(f"gain_ratio.{inner}.{outer}" for inner, outer in lost or [])]
 
     def _ratio(self, inner: int, outer: int) -> Value:
@@ -431,7 +426,8 @@ class FittedParameters:
         """
         columns = self.fitted.model.columns
         bare = weights[: len(columns)]
-        terms = {int(n): float(bare[n]) for n in np.flatnonzero(np.abs(bare) > SHARE * np.abs(bare).max(initial=0.0))}
+        is_term = np.abs(bare) > 1e-9 * np.abs(bare).max(initial=0.0)  # else rounding
+        terms = {int(n): float(bare[n]) for n in np.flatnonzero(is_term)}
         off = float(np.linalg.norm(weights @ self.reach()))
         error = math.sqrt(max(float(weights @ self.covariance @ weights) + off**2, 0.0))
         if any(n in self.confounded and columns[n].place is None for n in terms):

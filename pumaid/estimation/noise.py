@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Counts, Flags, Floats
+from pumaid.maths import FLAT, Counts, Flags, Floats
 
 #: Fewest pairs of repeated runs from which noise is taken; with fewer it comes from the residuals.
 FEWEST_PAIRS = 6
@@ -24,8 +24,6 @@ MOST_LOST = 0.8
 #: Noise below this share of the RMS current is rounding: data without noise, whose weights would be infinite. Large
 #: enough that rounding, thus weighted, says nothing about a parameter's plausible size.
 EXACT = 1e-10
-#: Singular values of a run's own columns below this share of its largest are rounding.
-FLAT = 1e-10
 #: Runs that are reduced at once.
 AT_ONCE = 500
 #: Bins of a run, beside twice the parameters of its own fit, from which correlation is read.

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,8 +22,16 @@ Point = dict[str, float]
 Ends = tuple[float, float]
 
 #: Families of effects for which a search is made again with the noise that the first leaves.
-SLOW = {Family.SPEED, Family.LOAD, Family.TIME, Family.PAYLOAD, Family.TEMPERATURE, Family.GRAVITY, Family.TORQUE}
-SLOW |= {Family.CURRENT}
+SLOW = {
+    Family.SPEED,
+    Family.LOAD,
+    Family.TIME,
+    Family.PAYLOAD,
+    Family.TEMPERATURE,
+    Family.GRAVITY,
+    Family.TORQUE,
+    Family.CURRENT,
+}
 #: Rounds of renewing shapes and loads, at most; rounds in which noise and loads follow the final fit.
 MOST_ROUNDS, POLISH = 15, 2
 #: A round moved nothing when every parameter moved by less than this share of its standard error.
@@ -52,7 +60,6 @@ WORSE, VISIBLE = 1.5, 1e-3
 STRIDE, GROWTH, MOST_STRIDES = 0.5, 1.5, 12
 
 
-@dataclass(eq=False, slots=True)
 class ShapeLikelihood:
     """The likelihood of one effect's shapes, everything else refitted at each.
 
@@ -63,15 +70,9 @@ class ShapeLikelihood:
     Source: D. M. Bates and D. G. Watts, Nonlinear Regression Analysis and Its Applications, Wiley 1988, section 6.1.
     """
 
-    projector: Projector
-    term: EffectTerm
-    limits: Floats | None = None
-    path: list[tuple[Point, Refit]] = field(default_factory=list)
-
-    @property
-    def shapes(self) -> dict[str, Shape]:
-        """By name."""
-        return self.term.shapes(self.projector.solved.model.robot)
+    def __init__(self, projector: Projector, term: EffectTerm, limits: Floats | None = None) -> None:
+        self.projector, self.term, self.limits = projector, term, limits
+        self.shapes, self.path = term.shapes(projector.solved.model.robot), list[tuple[Point, Refit]]()
 
     def at(self, points: Sequence[Point]) -> list[tuple[Point, Refit]]:
         """The fits with some shapes."""
