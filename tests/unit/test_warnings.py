@@ -12,9 +12,8 @@ from faulty import csv, good, invoke, make
 from pumaid.dataset import Dataset, Log
 from pumaid.errors import ModelError
 from pumaid.estimate import Value
-from pumaid.estimation.estimate import identify
+from pumaid.estimation.estimate import identify, of_signs
 from pumaid.estimation.nonlinear import check_better
-from pumaid.estimation.estimate import of_signs
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import EffectChoice
