@@ -18,8 +18,6 @@ from pumaid.robot import ALL, EffectChoice, Robot, read_choice
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
 #: Step of a numerical derivative, as a share of what counts as the scale there: its square is far below any interval.
 STEP = 1e-4
-#: Columns of an effect below this share of its largest are rounding.
-ROUNDING = 1e-11
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +116,7 @@ class EffectTerm:
         """(M, p) A per unit of each of `parts`."""
         linear = self.linear(robot, samples)
         size = np.abs(linear).max(axis=0, initial=0.0)
-        columns = [np.where(size > ROUNDING * size.max(initial=0.0), linear, 0.0)]
+        columns = [np.where(size > 1e-11 * size.max(initial=0.0), linear, 0.0)]  # else rounding
         for name, facts in self.shapes(robot).items() if self.fitted else ():
             if name in self.fitted:
                 step = STEP * scale_of(facts, self.shape[name])
@@ -217,10 +215,9 @@ def expanded(choices: Sequence[EffectChoice], robot: Robot, *, option: str = "ef
     out: list[EffectChoice] = []
     for choice in choices:
         where = Where(joint=choice.joint, field=f"{option} {choice.effect}")
-        for index, listed in enumerate(robot.effects):
-            if listed is choice:
-                line = robot.effect_lines[index] if robot.effect_lines else None
-                where = Where(file=robot.origin or None, line=line, field=f"effects[{index + 1}]")
+        for index in (n for n, listed in enumerate(robot.effects) if listed is choice):
+            line = robot.effect_lines[index] if robot.effect_lines else None
+            where = Where(file=robot.origin or None, line=line, field=f"effects[{index + 1}]")
         for single in _at_joints(choice, robot, where):
             twins = [other for other in out if (other.effect, other.joint) == (single.effect, single.joint)]
             is_same = any(single.shape and dict(other.shape) == dict(single.shape) for other in twins)

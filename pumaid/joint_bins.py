@@ -29,9 +29,6 @@ FEWEST_SETTLED = 20
 #: noise and creep, far below what a planner would call another posture.
 SAME_SPEED, SAME_POSTURE = 0.03, 0.03
 
-#: Share of the variance inside a bin that is rounding of its own course.
-ROUNDED = 1e-6
-
 #: Positions of a run from which two harmonics of the position are known.
 PLACES = 5
 
@@ -198,7 +195,7 @@ class JointBins:
         # The variance in a block's cells is about a straight line already.
         wide = np.where(self.is_block[self.run], 0.0, (1.0 - 1.0 / self.count**2) / 12.0)
         remaining = self.inside - (rise**2 * wide if spread is None else spread) - 2.0 * rise * slope * wide
-        return np.where(remaining > ROUNDED * self.inside, remaining, 0.0)
+        return np.where(remaining > 1e-6 * self.inside, remaining, 0.0)  # else rounding of the bin's own course
 
 
 def joint_bins(

@@ -32,8 +32,6 @@ ROUNDING = 1e-13
 #: Eigenvalues of a scaled information, or singular values of columns, below this share of the largest are directions
 #: that the data do not show; columns shorter than a share of the longest are zero but for rounding.
 FLAT, FAINT = 1e-10, 1e-12
-#: A parameter whose share in an undetermined unit direction is below this does not belong to it (rounding).
-SHARE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,8 +48,8 @@ class LeastSquares:
 
     @property
     def determined(self) -> Flags:
-        """(p,) whether each parameter is free of every blind direction."""
-        return np.max(np.abs(self.blind), axis=1, initial=0.0) < SHARE_TOLERANCE
+        """(p,) whether each parameter is free of every blind direction, but for rounding."""
+        return np.max(np.abs(self.blind), axis=1, initial=0.0) < 1e-6
 
 
 def least_squares(

@@ -23,7 +23,7 @@ from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.joint_bins import JointBins, joint_bins
-from pumaid.maths import Counts, Flags, Floats
+from pumaid.maths import Counts, Flags, Floats, least_squares
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import Pair
 from pumaid.robot import EffectChoice, Robot
@@ -47,16 +47,14 @@ FEWEST_REPEATS, CHANCE = 6, 1e-5
 CHANGE = 0.5
 #: Condition beyond which a change in proportion to the current is confounded with the others.
 ALIKE = 30.0
-#: What a change may be: its unit, what it goes with, and its cause.
+#: What a change may be: its unit and what that is multiplied by, what it goes with, and its cause.
 KINDS = (
-    ("A", "whichever way it moves", "likely a sensor offset, an encoder zero or its load changed"),
-    ("A", "in the direction of motion", "friction changed, as when it warms up ('pumaid diagnose' tells)"),
-    ("%", "in proportion to it", "its gain changed"),
+    ("A", 1.0, "whichever way it moves", "likely a sensor offset, an encoder zero or its load changed"),
+    ("A", 1.0, "in the direction of motion", "friction changed, as when it warms up ('pumaid diagnose' tells)"),
+    ("%", 100.0, "in proportion to it", "its gain changed"),
 )
 #: Share of a joint's load on another's motor below which it is not spoken of.
 SMALLEST_PART = 1e-3
-#: Sine of the angle between axes up to which they are parallel.
-PARALLEL = 1e-6
 #: Standard errors beyond which a gain ratio, and an inertia, has a sign.
 SURELY, NEGATIVE = 5.0, 3.0
 
@@ -328,7 +326,14 @@ def of_runs(fitted: Fit) -> Iterator[Note]:
         size, usual = math.sqrt(bins.mean_square), float(np.median(rms[steady]))
         noise = float(np.median(np.sqrt(_inside(bins)[0][steady])))
         is_met = usual > 0.0 and float(np.median(np.hypot(rms, level)[steady])) <= FAR * noise
-        odd = steady[_outlying(rms[steady], least=max(ODD * usual, SEEN * size))] if is_met else steady[:0]
+        # Beyond a size and beyond what the others' scatter lets any run be by chance; the standard deviation of normal
+        # values is 1.4826 times the median of their deviations.
+        logs = np.log(np.maximum(rms[steady], np.finfo(float).tiny))
+        off = logs - np.median(logs)
+        scatter = max(1.4826 * float(np.median(np.abs(off))), np.finfo(float).eps)
+        chance = len(steady) * np.array([two_sided(ratio, len(steady) - 1) for ratio in off / scatter])
+        is_odd = (rms[steady] > max(ODD * usual, SEEN * size)) & (chance < FAMILYWISE)
+        odd = steady[is_met & is_odd]
         if 0 < len(odd) <= MOST_ODD * len(steady):
             first, error = bins.runs[odd[0]], float(np.sqrt(np.mean(rms[odd] ** 2)))
             where = Where(file=first.origin, row=first.first_row, joint=bins.joint)
@@ -340,16 +345,6 @@ def of_runs(fitted: Fit) -> Iterator[Note]:
             sizes = _spikes(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
         if sizes and sizes[1] > SEEN * size:
             yield _note("current-spikes", Where(joint=bins.joint), usual=sizes[0], noise=sizes[1])
-
-
-def _outlying(rms: Floats, *, least: float) -> Flags:
-    """(n,) runs whose RMS (A) is beyond `least` and beyond what the others' scatter lets any of n be by chance."""
-    logs = np.log(np.maximum(rms, np.finfo(float).tiny))
-    off = logs - np.median(logs)
-    # Standard deviation of normal values: 1.4826 times the median of their deviations.
-    scatter = max(1.4826 * float(np.median(np.abs(off))), np.finfo(float).eps)
-    chance = np.array([two_sided(size, len(rms) - 1) for size in off / scatter])
-    return (rms > least) & (chance * len(rms) < FAMILYWISE)
 
 
 def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
@@ -405,15 +400,13 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
             design = design[:, :2]
         matters = max(CHANGE * (fit.noise_floor or 0.0), SEEN * float(np.sqrt(np.mean(drawn**2))))
         change, dof = np.array([pair.more for pair in last]), len(last) - design.shape[1]
-        inverse = np.linalg.inv(design.T @ design)
-        sizes = inverse @ design.T @ change
-        variance = float(np.sum((change - design @ sizes) ** 2)) / max(dof, 1)
-        errors = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300))
+        fitted = least_squares(design, change)
+        sizes, variance = fitted.values, float(np.sum((change - design @ fitted.values) ** 2)) / max(dof, 1)
+        errors = np.sqrt(np.maximum(variance * np.diag(fitted.inverse), 1e-300))
         moved = np.abs(sizes) * np.sqrt(np.mean(design**2, axis=0))
-        for n, (unit, goes, cause) in enumerate(KINDS[: len(sizes)]):
+        for n, (unit, factor, goes, cause) in enumerate(KINDS[: len(sizes)]):
             if two_sided(sizes[n] / errors[n], dof) >= CHANCE or moved[n] <= matters:
                 continue
-            factor = 100.0 if unit == "%" else 1.0
             facts = {"change": factor * abs(float(sizes[n])), "error": factor * float(errors[n]), "runs": len(last)}
             more = {"unit": unit, "sign": "more" if sizes[n] > 0 else "less", "goes": goes, "cause": cause}
             yield _note("repeats-differ", Where(joint=fit.joint), **facts, **more)
@@ -421,8 +414,6 @@ def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]])
 
 def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
     """Loads that the recipe's gears (`coupling`) pass to motors of other joints, where the model leaves them out."""
-    if not robot.coupling:
-        return
     # Power is the same on either side: what motors carry of the joints' loads, by joint and motor.
     share = np.linalg.inv(robot.shaft_speeds)
     modelled = {(term.joint, term.shape.get("on")) for term in fitted.model.effects}
@@ -434,7 +425,7 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
         passed.append(
             f"motor {motor} carries {number(part, 2)} of joint {joint}'s load (--add coupling@{joint}:on={motor})"
         )
-        if joint == motor + 1 and math.hypot(*robot.joint(joint).frame[:2, 2]) < PARALLEL:
+        if joint == motor + 1 and math.hypot(*robot.joint(joint).frame[:2, 2]) < 1e-6:
             parallel.append(
                 f"; axes {motor} and {joint} are parallel, so no log tells this from gain_ratio.{motor}.{joint}, of"
                 f" which what is found is {number(1.0 + part, 3)} times the ratio of the motors' gains"

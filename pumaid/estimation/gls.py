@@ -230,12 +230,15 @@ def with_errors(fitted: Fit) -> Fit:
         else row
         for row in fitted.rows
     )
-    system, start = system_of(rows, fitted.noises, fitted.system.owners), 0
-    jacobian, residual = system.jacobian(fitted.gains, fitted.values), system.left(fitted.values, fitted.gains)
-    for row in rows:
-        if row.moved is not None:
-            jacobian[start : start + row.target.size] += row.whitened(fitted.noises[row.joint], row.moved)
-        start += row.target.size
+    system = system_of(rows, fitted.noises, fitted.system.owners)
+    through = [
+        np.zeros((row.target.size, len(fitted.prior)))
+        if row.moved is None
+        else row.whitened(fitted.noises[row.joint], row.moved)
+        for row in rows
+    ]
+    jacobian = system.jacobian(fitted.gains, fitted.values) + np.vstack(through)
+    residual = system.left(fitted.values, fitted.gains)
     weights = priors(fitted.model, fitted.limit, is_tight=False)
     prior = np.append(weights, fitted.prior[len(weights) :])
     equations, target = np.vstack([jacobian, np.diag(prior)]), np.append(residual, np.zeros(len(prior)))
@@ -455,7 +458,7 @@ def covariance_of(fitted: Fit) -> tuple[Floats, Floats]:
     """(P, P) covariance of all parameters and ratios of a fit, or of the recursion that it began with, and (P,) degrees
     of freedom: clustered by run, by the working model of the noise where clusters are too few.
     """
-    solution, (runs, kin), start = fitted.solution, clusters(fitted.rows), 0
+    solution, (runs, kin) = fitted.solution, clusters(fitted.rows)
     if fitted.first is None:
         covariance, dof = recursion_covariance(fitted.system, solution.values, solution.gains, runs=runs)
     else:
@@ -465,13 +468,13 @@ def covariance_of(fitted: Fit) -> tuple[Floats, Floats]:
         covariance = covariance + priors @ priors.T
     poor = dof < FEWEST_FREEDOMS
     joints = np.array([*fitted.system.owners, *solution.gains.uppers])
-    for row in fitted.rows:
+    parts = np.split(solution.jacobian, np.cumsum([row.target.size for row in fitted.rows])[:-1])
+    for row, part in zip(fitted.rows, parts, strict=True):
         noise, chosen = fitted.noises[row.joint], np.flatnonzero(poor & (joints == row.joint - 1))
         if len(chosen):
-            J = solution.jacobian[start : start + row.target.size].reshape(*row.target.shape, -1)
+            J = part.reshape(*row.target.shape, -1)
             estimated = np.full(len(joints), float(noise.freedoms))
             if row.joint not in fitted.weak:
                 estimated = freedoms(noise, ones=row.ones, jacobian=J, inverse=fitted.inverse)
             dof[chosen] = np.clip(estimated[chosen], 1.0, float(noise.freedoms))
-        start += row.target.size
     return completed(fitted.inverse, covariance, poor) if poor.any() else covariance, dof

@@ -38,8 +38,6 @@ MOST_ROUNDS, POLISH = 15, 2
 SETTLED = 0.05
 #: A shape moves by at most this share of its scale in one round: beyond, its derivative says little.
 LONGEST = 0.5
-#: Relative rise of the weighted squares that is rounding.
-RISE = 1e-9
 #: Fall of twice the log likelihood within which 95 % of chances lie for one parameter.
 WITHIN = 3.84
 #: Points of a grid from which a refinement starts.
@@ -167,7 +165,14 @@ def search_shape(projector: Projector, term: EffectTerm, free: Sequence[str]) ->
         near = replace(covered, starts=tuple(covered.starts[max(first, 0) : last + 1]))
         fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
     fits.sort(key=lambda fit: -fit[1].gain)
-    best, ranges = fits[0], {name: _range(shapes[name], fits, covered.starts) for name in fixed}
+    best, ranges = fits[0], dict[str, Ends]()
+    likely = [point for point, refit in fits if refit.gain >= best[1].gain - WITHIN]
+    for name in fixed:
+        low, high = min(point[name] for point in likely), max(point[name] for point in likely)
+        if shapes[name].unit == "s":  # anywhere between two starts
+            low = max((start for start in covered.starts if start <= low), default=low)
+            high = min((start for start in covered.starts if start >= high), default=high)
+        ranges[name] = low, high
     if len(fixed) < len(free):
         grid = [point for point, _ in fits]
         bounds = {name: search_bounds(shapes[name], grid) for name in free if name not in fixed}
@@ -204,16 +209,6 @@ def search_bounds(shape: Shape, grid: Sequence[Mapping[str, float]]) -> Ends:
     if shape.low < 0.0 or min(values) <= 0.0 or min(values) == max(values):
         return shape.low, shape.high
     return max(shape.low, min(values) / BEYOND), min(shape.high, max(values) * BEYOND)
-
-
-def _range(shape: Shape, fits: Sequence[tuple[Point, Refit]], starts: Sequence[float]) -> Ends:
-    """Lowest and highest value of a shape that the data do not exclude; an instant lies anywhere between two starts."""
-    likely = [point[shape.name] for point, refit in fits if refit.gain >= fits[0][1].gain - WITHIN]
-    low, high = min(likely), max(likely)
-    if shape.unit == "s":
-        low = max((start for start in starts if start <= low), default=low)
-        high = min((start for start in starts if start >= high), default=high)
-    return low, high
 
 
 class EffectFit:
@@ -286,7 +281,7 @@ class EffectFit:
                 self.fit = refit(self.fit, self.now())
                 terms = {place: replace(term, sizes=self._sizes(place)) for place, term in terms.items()}
                 now = self.fit.square
-            if now > cost * (1.0 + RISE) and any(last[n].shape != term.shape for n, term in terms.items()):
+            if now > cost * (1.0 + 1e-9) and any(last[n].shape != term.shape for n, term in terms.items()):
                 for n, term in terms.items():
                     half = {name: 0.5 * (last[n].shape[name] + value) for name, value in term.shape.items()}
                     terms[n] = term.at(half, term.sizes)
