@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25336,
-    "statements": 15489,
-    "modules": 125,
+    "lines": 25259,
+    "statements": 15423,
+    "modules": 124,
     "import depth": 12,
-    "lines of tests and tools": 22057,
+    "lines of tests and tools": 22056,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
