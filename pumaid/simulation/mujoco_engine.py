@@ -31,6 +31,8 @@ _LIGHT, _LEAST = 1e-4, 1e-9
 _LEAST_INERTIA = 0.3
 #: rad/s or m/s: slower joints are held by stiction.
 STILL = 1e-4
+#: Share of a joint's inertia below which what it feels while the others are free is another.
+_ALONE = 0.9
 #: Rounds in which an arm with sagging drives is put to rest.
 _ROUNDS = 8
 
@@ -231,6 +233,13 @@ class RigidArm:
         for row, unit in zip(out, np.eye(n), strict=True):
             mujoco.mj_mulM(self.model, data, row, unit)
         return out
+
+    def felt_inertia(self, position: Floats) -> Floats:
+        """(J,) kg m2 (kg) that each motor moves at `position`: with the others held, or where others' links, left free,
+        would take more than a tenth of it away, with these free."""
+        mass = self.inertia(position)
+        held, free = np.diag(mass), 1.0 / np.diag(np.linalg.inv(mass))
+        return np.where(free < _ALONE * held, free, held)
 
 
 def _engine() -> Any:

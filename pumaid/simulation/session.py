@@ -220,9 +220,9 @@ class _Session:
         arm, controller, state, n = self._arm, self._controller, self._arm.state, self._truth.robot.n_joints
         ticks = self._ticks
         targets, limits = controller.limits(movement, count * ticks)
-        # Tuned for the lighter end: too large a J swings, too small a one only lags.
-        inertia = np.minimum(*(np.diag(arm.inertia(place)) for place in (movement.start, movement.end)))
-        controller.tune(self._truth.gain * inertia)
+        # Tuned for where the arm is lightest: too large a J swings, too small a one only lags.
+        way = np.linspace(movement.start, movement.end, 5)
+        controller.tune(self._truth.gain * np.min([arm.felt_inertia(place) for place in way], axis=0))
         out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
         currents[0] = controller.current
         warming = -np.expm1(-arm.step / WARMING_TIME) if self._has_temperature else 0.0

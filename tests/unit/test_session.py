@@ -129,6 +129,31 @@ def test_nonsense_is_refused(plan, rate, slug):
         simulate(PUMA.robot, plan, rate=rate)
 
 
+@pytest.mark.parametrize(
+    ("arm", "motions"),
+    [
+        # Axes that stand nearly in line: a joint feels half of its inertia while the next ones are free to give way.
+        (
+            "kinova_gen3",
+            [((0, 60, 0, 15, -15, -105, -120), 3, -135, 135, 80), ((-90, -60, -105, 15, 30, -75, 0), 7, 0, 45, 21)],
+        ),
+        # A boom that passes its middle, where the arm is far lighter than at either end of the way.
+        (
+            "stanford",
+            [((0, -45, 1.0237, 45, -45, -15), 1, -53, 0, 25), ((-75, 105, 1.26, 0, -30, 0), 6, 0, 135, 66)],
+        ),
+    ],
+)
+def test_an_arm_that_gets_lighter_is_held(arm, motions):
+    """Both ran away on their way from the one posture to the other."""
+    robot, turns = read_recipe(shipped_recipes()[arm]), []
+    for hold, joint, *way in motions:
+        at = tuple(np.where(robot.is_revolute, np.deg2rad(hold), hold).tolist())
+        turns.append(Motion(joint, at, *np.deg2rad(way)))
+    speeds = [log.velocity for log in simulate(robot, Plan(robot.name, tuple(turns)), seed=9)]
+    assert max(np.abs(speed).max() for speed in speeds) < 10.0
+
+
 def test_an_arm_out_of_control_is_no_log():
     """Gears that turn one motor a million times as fast as another throw the arm away, which is an error and no log."""
     joints = tuple(replace(joint, gear_ratio=1.0) for joint in PUMA.robot.joints)
