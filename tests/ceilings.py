@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25259,
-    "statements": 15423,
+    "lines": 25268,
+    "statements": 15429,
     "modules": 124,
     "import depth": 12,
-    "lines of tests and tools": 22056,
+    "lines of tests and tools": 22081,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
