@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 15429,
     "modules": 124,
     "import depth": 12,
-    "lines of tests and tools": 22081,
+    "lines of tests and tools": 21971,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

@@ -1,7 +1,6 @@
 """The golden net: what commit db27f0f made of 40 experiments, 80 bad inputs and 1000 intervals, and what differs now.
 
-    python tools/golden_net.py freeze  FOLDER --program PUMAID       write tests/golden/net.json
-    python tools/golden_net.py compare FOLDER --program PUMAID [--only WORD ...] [--strict]
+    python tools/golden_net.py FOLDER --program PUMAID [--only WORD ...] [--strict]
 
 The inputs were made by `golden_net.py inputs` of commit 3354fcb from virtual worlds and mutations of db27f0f. An
 estimate may differ by half a standard error, an interval's width by a tenth; states, findings and refusals by nothing.
@@ -90,13 +89,6 @@ def results(options: argparse.Namespace) -> dict[str, Any]:
         return {names[path]: record for path, record in zip(chosen, records, strict=True)}
 
 
-def freeze(options: argparse.Namespace) -> int:
-    """Write the record of the program as it stands; with --only, of these inputs anew."""
-    frozen = json.loads(RECORD.read_text("utf-8")) if RECORD.is_file() and options.only else {}
-    RECORD.write_text(json.dumps(frozen | results(options), indent=0, sort_keys=True) + "\n", encoding="utf-8")
-    return 0
-
-
 def differences(old: dict[str, Any], new: dict[str, Any], *, is_strict: bool) -> list[str]:
     """How an experiment's record differs from the frozen one."""
     share, width = (SHARE, WIDTH) if is_strict else (2 * SHARE, 3 * WIDTH)
@@ -146,8 +138,15 @@ def overlapping(first: list[float], second: list[float]) -> bool:
     return first[1] <= second[2] and second[1] <= first[2]
 
 
-def compare(options: argparse.Namespace) -> int:
+def main() -> int:
     """Print what differs from the frozen record; 1 where something does."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=lambda text: Path(text).resolve())
+    parser.add_argument("--program", default=str(HOME / ".venv" / "bin" / "pumaid"))
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--strict", action="store_true")
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args()
     frozen, now, count = json.loads(RECORD.read_text("utf-8")), results(options), 0
     held = [sum(record.get(key, 0) for record in now.values()) for key in ("held", "told")]
     for name, record in now.items():
@@ -161,19 +160,6 @@ def compare(options: argparse.Namespace) -> int:
             print(f"{name}: {line}")
     print(f"{count} of {len(now)} differ; intervals that hold the truth: {held[0]} of {held[1]}")
     return int(count > 0)
-
-
-def main() -> int:
-    """Freeze, or compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("work", choices=("freeze", "compare"))
-    parser.add_argument("folder", type=lambda text: Path(text).resolve())
-    parser.add_argument("--program", default=str(HOME / ".venv" / "bin" / "pumaid"))
-    parser.add_argument("--only", nargs="*", default=[])
-    parser.add_argument("--strict", action="store_true")
-    parser.add_argument("--jobs", type=int, default=1)
-    options = parser.parse_args()
-    return freeze(options) if options.work == "freeze" else compare(options)
 
 
 if __name__ == "__main__":

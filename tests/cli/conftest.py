@@ -11,10 +11,15 @@ from pumaid.io.recipe import shipped_recipes
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
-    """An experiment folder with a pendulum's recipe, as working folder."""
+@pytest.fixture(autouse=True)
+def working_folder(tmp_path, monkeypatch) -> None:
+    """A folder of the test's own, in which commands run."""
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """An experiment folder with a pendulum's recipe, as working folder."""
     (tmp_path / "recipe.yaml").write_bytes(shipped_recipes()["pendulum2"].read_bytes())
     return tmp_path
 

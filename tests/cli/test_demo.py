@@ -9,12 +9,6 @@ from pumaid.effects import catalogue
 from pumaid.errors import ResultError
 
 
-@pytest.fixture(autouse=True)
-def working_folder(monkeypatch, tmp_path):
-    """An empty working folder."""
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture(scope="module")
 def tale(tmp_path_factory):
     """The folder of a demo, and what it said."""

@@ -22,19 +22,12 @@ EXPORT = ("export", "results/model.json", "--format")
 
 
 @pytest.fixture(scope="module")
-def rubbed(fitted, tmp_path_factory) -> Path:
+def fitted(fitted, tmp_path_factory) -> Path:
     """The sample with a model that has Stribeck friction."""
     folder = tmp_path_factory.mktemp("rubbed") / "arm"
     shutil.copytree(fitted, folder)
     run("identify", folder / "logs", *ADDED)
     return folder
-
-
-@pytest.fixture
-def arm(rubbed, tmp_path, monkeypatch) -> Path:
-    """A copy of the experiment, which is the working folder."""
-    monkeypatch.chdir(shutil.copytree(rubbed, tmp_path / "arm"))
-    return tmp_path / "arm"
 
 
 @pytest.mark.parametrize("form", SUFFIXES)

@@ -12,10 +12,9 @@ from pumaid.results.history import keep
 
 
 @pytest.fixture
-def arm(tmp_path, monkeypatch):
+def arm(tmp_path):
     """An experiment with three kept models, which is the working folder."""
     experiment(tmp_path / "results")
-    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
@@ -72,8 +71,7 @@ def test_models_of_other_logs_stand_apart(arm):
     assert out.index("0.0600") < out.index("Not comparable")
 
 
-def test_nothing_kept(tmp_path, monkeypatch):
+def test_nothing_kept():
     """An experiment without a model is bad input, with the command that makes one."""
-    monkeypatch.chdir(tmp_path)
     told = run("history", code=3).stderr
     assert "error[no-history]" in told and "pumaid identify" in told

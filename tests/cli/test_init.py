@@ -15,9 +15,8 @@ PAN = '<link name="eye"/><joint name="pan" type="continuous"><parent link="l1"/>
 
 
 @pytest.fixture(autouse=True)
-def working_folder(tmp_path, monkeypatch):
-    """A folder with nothing but a URDF."""
-    monkeypatch.chdir(tmp_path)
+def described(working_folder):
+    """Nothing but a URDF."""
     Path("arm.urdf").write_text(ARM)
 
 

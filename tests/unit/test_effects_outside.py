@@ -162,17 +162,6 @@ def test_command_line_takes_files(written):
     assert "error[effect-file]" in run("effects", "--effects", written("x = "), code=3).stderr
 
 
-EFFECT = '''
-"""A dummy."""
-from pumaid.effects import Effect, Family, Parameter, Trace
-
-class Dummy(Effect):
-    """A current with the cube of the position."""
-    title, formula, source, family, trace = "Dummy", "a * q ** 3", "chapter 1", Family.TORQUE, (Trace.POSITION,)
-
-    def parameters(self, robot, number):
-        return (Parameter("a", "A/{unit}3", "size", "a{n}", 0.1),)
-'''
 LOG_FORMAT = '''
 """Numbers behind a line with their names."""
 import numpy as np
@@ -237,9 +226,9 @@ def added(tmp_path, monkeypatch):
 
 def test_an_effect_is_one_file(added):
     """It is in the catalogue, and the command line explains it."""
-    added(pumaid.effects, EFFECT)
+    added(pumaid.effects, SHORT)
     told = run("effects", "dummy").stdout
-    assert "dummy" in catalogue() and "a q^3" in told and "--add dummy@" in told
+    assert "dummy" in catalogue() and "c q^2" in told and "--add dummy@" in told
 
 
 def test_a_log_format_is_one_file(added, tmp_path):

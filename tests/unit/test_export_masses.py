@@ -18,7 +18,7 @@ mujoco = pytest.importorskip("mujoco", reason="an engine is mujoco (pip install 
 engines = pytest.importorskip("tests.engines")
 
 #: Relative to the largest load: engines turn angles into rotations and back.
-EXACT = 1e-9
+ROUNDED = 1e-9
 ARMS = ("puma560", "panda", "stanford", "crane", "one", "twelve")
 
 
@@ -67,8 +67,8 @@ def test_engines_feel_what_the_model_says(name, turned):
     urdf = export(estimate, robot, form="urdf", torque_constants=given(robot))
     mjcf = export(estimate, robot, form="mjcf", torque_constants=given(robot))
     scale = max(np.abs(wanted).max(), 1.0)
-    assert np.abs(by_pinocchio(urdf.files[".urdf"], robot, position) - wanted).max() < EXACT * scale
-    assert np.abs(by_mujoco(mjcf.files[".xml"], position) - wanted).max() < EXACT * scale
+    assert np.abs(by_pinocchio(urdf.files[".urdf"], robot, position) - wanted).max() < ROUNDED * scale
+    assert np.abs(by_mujoco(mjcf.files[".xml"], position) - wanted).max() < ROUNDED * scale
     assert not [remark for remark in mjcf.remarks if "RMS" in remark or "eta" in remark]
 
 
@@ -80,7 +80,7 @@ def test_without_constants_ratios_give_them_but_for_one_factor(name):
     text = export(estimate, robot, form="mjcf").files[".xml"]
     found, current = by_mujoco(text, position), weight(robot, estimate, position)
     gears = np.array([float(one.get("gear")) for one in ElementTree.fromstring(text).iter("motor")])
-    assert np.allclose(found, current * gears, atol=EXACT) and np.abs(gears).max() == 1.0
+    assert np.allclose(found, current * gears, atol=ROUNDED) and np.abs(gears).max() == 1.0
     assert np.allclose(gears / gears[-1], gains(robot) / gains(robot)[-1])
 
 
@@ -126,7 +126,7 @@ def test_constants_that_contradict_the_ratios_are_told_with_their_size():
     wanted = weight(robot, estimate, position) * np.array(list(wrong.values()))
     size = np.sqrt(np.mean((feels - wanted) ** 2, axis=0))
     told = {int(text.split(":")[0][6:]): float(text.split()[5]) for text in found.remarks if "RMS" in text}
-    assert sorted(told) == [2, 3] and size[3:].max() < EXACT
+    assert sorted(told) == [2, 3] and size[3:].max() < ROUNDED
     assert np.allclose([told[2], told[3]], size[1:3], rtol=0.15)  # two hundred postures against four thousand
     assert [text for text in found.remarks if "joints 3 and 4" in text and "the logs say" in text]
 
