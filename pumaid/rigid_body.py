@@ -72,8 +72,10 @@ def _links(robot: Robot, position: Floats, velocity: Floats, acceleration: Float
         turn, shift = ((back @ part.reshape(3, -1)).reshape(part.shape) for part in (turn, shift))
         if turns:
             cosine, sine = np.cos(position[j]), np.sin(position[j])
-            for vectors in (spin, spin_rate, pull, turn[:, :j], shift[:, :j]):
-                _turn_about_z(vectors, cosine, sine)
+            for vectors in (spin, spin_rate, pull, turn[:, :j], shift[:, :j]):  # into axes turned about z
+                along_x = cosine * vectors[0] + sine * vectors[1]
+                vectors[1] = cosine * vectors[1] - sine * vectors[0]
+                vectors[0] = along_x
             spin_rate[0] += spin[1] * velocity[j]
             spin_rate[1] -= spin[0] * velocity[j]
             spin_rate[2] += acceleration[j]
@@ -125,13 +127,6 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 def _dot(a: Floats, b: Floats) -> Floats:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _turn_about_z(vectors: Floats, cosine: Floats, sine: Floats) -> None:
-    """Vectors in axes that are turned about z, in place."""
-    along = cosine * vectors[0] + sine * vectors[1]
-    vectors[1] = cosine * vectors[1] - sine * vectors[0]
-    vectors[0] = along
 
 
 @lru_cache(maxsize=32)

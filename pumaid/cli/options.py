@@ -145,22 +145,24 @@ def together(function: Decorated, *decorators: Callable[[Decorated], Decorated])
     return function
 
 
+def of_experiment(function: Decorated, *decorators: Callable[[Decorated], Decorated]) -> Decorated:
+    """A command with options as in `together`, of which those that tell an experiment arrive as `experiment`."""
+
+    @wraps(function)
+    def run(**values: Any) -> Any:
+        from pumaid.experiment import Experiment
+
+        names = {"logs", "recipe", "heldout", "results", "trust", "cell", "jobs", "dask"} & set(values)
+        asked = {name: values.pop(name) for name in names}
+        return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
+
+    return together(run, *decorators)  # type: ignore[arg-type, return-value]
+
+
 def experiment_options(*, has_heldout: bool = True, has_results: bool = True) -> Callable[[Decorated], Decorated]:
     """What tells where an experiment is and how its logs are read, with the argument ``logs`` as `experiment`."""
-
-    def decorate(function: Decorated) -> Decorated:
-        @wraps(function)
-        def run(**values: Any) -> Any:
-            from pumaid.experiment import Experiment
-
-            names = {"logs", "recipe", "heldout", "results", "trust", "cell", "jobs", "dask"} & set(values)
-            asked = {name: values.pop(name) for name in names}
-            return function(experiment=Experiment(**asked, tell=remark, progress=counted), **values)
-
-        choices = [results_option] * has_results + [heldout_option] * has_heldout
-        return together(run, recipe_option, *choices, *READING)  # type: ignore[return-value]
-
-    return decorate
+    choices = [results_option] * has_results + [heldout_option] * has_heldout
+    return lambda function: of_experiment(function, recipe_option, *choices, *READING)
 
 
 def model_on_logs(function: Decorated) -> Decorated:

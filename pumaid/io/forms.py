@@ -85,8 +85,10 @@ def file_name(path: Path) -> str:
     return "standard input" if str(path) == "-" else str(path)
 
 
-def read_bytes(path: Path, *, kind: type[PumaidError], most: int) -> bytes:
-    """The content of a file of at most `most` bytes; ``-`` is standard input.
+def read_bytes(
+    path: Path, *, kind: type[PumaidError], most: int, mend: str = "check the path and its permissions"
+) -> bytes:
+    """The content of a file of at most `most` bytes; ``-`` is standard input, `mend` the advice where it is not there.
 
     Raises
     ------
@@ -99,7 +101,6 @@ def read_bytes(path: Path, *, kind: type[PumaidError], most: int) -> bytes:
             content = file.read(most + 1)
     except (OSError, ValueError) as error:
         what = f"{name} cannot be read: {getattr(error, 'strerror', None) or error}"
-        mend = "check the path and its permissions"
         raise kind("file-not-readable", what, Where(file=name), mend) from error
     if len(content) > most:
         what = f"{name} has more than {most} bytes, which no such file has"

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
+from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -96,20 +96,25 @@ class Table:
         if self.title:
             yield Text(visible(self.title), style="bold")
         if self.rows:
-            yield from self._parts(options.max_width)
+            yield from self._parts(console, options)
         if self.caption:
             yield Paragraph(self.caption, style="dim")
         width = max((len(mark) for mark, _ in self.notes), default=0)
         yield from (Paragraph(f"{mark:>{width}} {text}", 2, hanging=width + 1) for mark, text in self.notes)
 
-    def _parts(self, room: int) -> Iterator[RichTable | Text]:
-        """The rows on lines of `room` characters."""
-        if self._width(stacked=False) <= room:
+    def _parts(self, console: Console, options: ConsoleOptions) -> Iterator[RichTable | Text]:
+        """The rows on lines as wide as the console."""
+
+        def is_wider(table: RichTable) -> bool:
+            unlimited = options.update(max_width=10**6)
+            return Measurement.get(console, unlimited, table).maximum > options.max_width
+
+        if not is_wider(self._drawn(stacked=False)):
             yield self._drawn(stacked=False)
             return
         parts = [[0]]
         for column in range(1, len(self.header)):
-            if len(parts[-1]) > 1 and self.columns([*parts[-1], column])._width(stacked=True) > room:
+            if len(parts[-1]) > 1 and is_wider(self.columns([*parts[-1], column])._drawn(stacked=True, widest=NARROW)):
                 parts.append([0])
             parts[-1].append(column)
         for number, chosen in enumerate(parts):
@@ -119,22 +124,14 @@ class Table:
             rows = [row for row in part.cells if number == 0 or any(cell.text for cell in row[1:])]
             yield replace(part, rows=rows)._drawn(stacked=True)
 
-    def _width(self, *, stacked: bool) -> int:
-        """Characters of a line; `stacked` words need `NARROW` at most, because they are wrapped."""
-        width = 2 * len(self.header) - 2
-        for column, head in enumerate(self.header):
-            texts = [visible(row[column].lines(stacked=stacked)) for row in self.cells]
-            longest = max((cell_len(line) for text in texts for line in text.split("\n")), default=0)
-            is_wrapped = stacked and column in self.words
-            width += max(cell_len(head), min(longest, NARROW) if is_wrapped else longest)
-        return width
-
-    def _drawn(self, *, stacked: bool) -> RichTable:
+    def _drawn(self, *, stacked: bool, widest: int | None = None) -> RichTable:
+        """The table for the terminal; `stacked` words are wrapped, at the width `widest` where that is given."""
         drawn = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
         for column, head in enumerate(self.header):
             is_left = column in self.words
             justify: Literal["left", "right"] = "left" if is_left else "right"
-            drawn.add_column(Text(head), justify=justify, overflow="fold", no_wrap=not (is_left and stacked))
+            look: Any = {"no_wrap": not (is_left and stacked), "max_width": widest if is_left else None}
+            drawn.add_column(Text(head), justify=justify, overflow="fold", **look)
         for row in self.cells:
             texts = [Text(visible(cell.lines(stacked=stacked)), style=TONES[cell.tone]) for cell in row]
             for text in texts:

@@ -4,9 +4,7 @@ import hashlib
 import json
 import math
 import re
-import sys
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -19,6 +17,7 @@ from pumaid import __version__
 from pumaid.dataset import BLOCK, STROKE
 from pumaid.errors import ModelError, Note, ResultError, Where
 from pumaid.estimate import Estimate
+from pumaid.io.forms import file_name, read_bytes
 from pumaid.io.write import write_file
 from pumaid.robot import Robot
 
@@ -100,12 +99,12 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
     Raises
     ------
     ResultError [file-not-readable]
-        There is no such file, or it may not be read.
+        There is no such file, it may not be read, or it is too large.
     ResultError [file-damaged]
         It is not such a document, or was changed since it was written.
     """
-    name = "standard input" if str(path) == "-" else str(path)
-    data = _content(path, name, kind)
+    name, mend = file_name(path), f"give a file, or make it with '{_MADE_BY[kind]}'"
+    data = read_bytes(path, kind=ResultError, most=MOST_BYTES, mend=mend)
 
     def damaged(what: str, field: str | None = None, line: int | None = None) -> ResultError:
         is_log = name.lower().endswith((".csv", ".parquet"))
@@ -113,8 +112,6 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
         return ResultError("file-damaged", what, Where(file=name, field=field, line=line), mend)
 
     try:
-        if len(data) > MOST_BYTES:
-            raise ValueError(f"more than {MOST_BYTES >> 20} MiB")
         document = json.loads(data.decode("utf-8-sig"))
         entries = document if isinstance(document, dict) else {"kind": type(document).__name__}
         digest = digest_of(entries)
@@ -133,19 +130,6 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
         return build(entries)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise damaged(f"{name} lacks entries of a {kind}: {error!r:.80}") from None
-
-
-def _content(path: Path, name: str, kind: str) -> bytes:
-    try:
-        with nullcontext(sys.stdin.buffer) if str(path) == "-" else path.open("rb") as stream:
-            return stream.read(MOST_BYTES + 1)
-    except OSError as error:
-        places = [path / "results" / f"{kind}.json", path / f"{kind}.json"]
-        file = next(filter(Path.is_file, places), places[1])
-        mend = f"give a file: {file}" if path.is_dir() else f"check the path, or make it with '{_MADE_BY[kind]}'"
-        raise ResultError(
-            "file-not-readable", f"{name} cannot be read: {error.strerror or error}", Where(file=name), mend
-        ) from error
 
 
 def record_from(kind: Any, entry: Any) -> Any:

@@ -29,6 +29,7 @@ from pumaid.cli.output import (
 from pumaid.errors import ResultError, Where, listed, meant
 
 if TYPE_CHECKING:
+    from pumaid.experiment import Experiment
     from pumaid.robot import Robot
     from pumaid.simulation import Truth
     from pumaid.trajectory import Plan
@@ -232,7 +233,7 @@ def plan(
     inputs = [file for file in read if file.name != PLAN_NAME or file == given]
     spare_inputs([path, picture], inputs, new=() if force else (path,))
     with progress("planning") as step:
-        made = _plan(robot, recipe, options=asked, tell=lambda text: step(0.0, text))
+        made = _plan(experiment, options=asked, tell=lambda text: step(0.0, text))
     is_piped = str(path) == "-"
     if path is not None and not is_piped:
         write_result(path, text_of(made, robot), "plan")
@@ -261,16 +262,16 @@ def _refuse_contradictions(options: dict[str, Any]) -> None:
         raise click.UsageError(wrong[0])
 
 
-def _plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
+def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design import plan as design
     from pumaid.diagnosis.discrimination import plan_for_effect
-    from pumaid.experiment import Experiment
     from pumaid.io.plan_file import read_plan
     from pumaid.robot import read_choice
 
+    robot = experiment.robot
     given = None if options["check"] is None else read_plan(options["check"], robot)
-    prior = None if options["prior"] is None else Experiment(recipe=recipe).model(options["prior"])
+    prior = None if options["prior"] is None else experiment.model(options["prior"])
     shared: dict[str, Any] = {"prior": prior, "seed": options["seed"], "tell": tell}
     if given is not None:
         return design.check_plan(robot, given, payload=options["payload"], **shared)
@@ -279,14 +280,14 @@ def _plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: C
     whole = partial(design.plan, robot, postures_per_joint=options["postures"], **shapes, **shared)
     if options["for"] is None:
         return whole()
-    beside, logs = Experiment(recipe=recipe).recipe_path, options["logs"]
+    measured = replace(experiment, logs=options["logs"], recipe=experiment.recipe_path)
     return plan_for_effect(
         robot,
         read_choice(options["for"], robot, "--for"),
         against=options["against"] and read_choice(options["against"], robot, "--against"),
         size=options["size"],
         whole=whole,
-        dataset=Experiment(logs, beside).dataset() if logs else None,
+        dataset=measured.dataset() if measured.logs else None,
         **shared,
     )
 
@@ -316,9 +317,10 @@ def _plan(robot: Robot, recipe: Path | None, *, options: dict[str, Any], tell: C
 @options.force_option
 @options.seed_option
 @options.json_option
+@options.of_experiment
 def simulate(
     *,
-    recipe: Path | None,
+    experiment: Experiment,
     runs: Path | None,
     output: Path | None,
     truth: Path | None,
@@ -342,7 +344,6 @@ def simulate(
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
       pumaid simulate -o - | pumaid identify -
     """
-    from pumaid.experiment import LOGS, Experiment
     from pumaid.io import plan_file, write
     from pumaid.reporting.run_tables import session_table
     from pumaid.results.truth_file import as_json as truth_json
@@ -350,8 +351,7 @@ def simulate(
 
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
-    experiment = Experiment(recipe=recipe)
-    folder = output or experiment.folder / LOGS
+    folder = output or experiment.folder / "logs"
     spare_inputs([folder / write.TRUTH_NAME] if str(folder) != "-" else [], [truth])
     robot = experiment.robot
     read = plan_file.read_plan(runs or experiment.folder / plan_file.PLAN_NAME, robot)

@@ -317,11 +317,10 @@ def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     """Write the runs that would decide, as often as it takes."""
     from pumaid.diagnosis.discrimination import plan_of_findings
     from pumaid.io.plan_file import plan_text
-    from pumaid.reporting.text import plural
 
     made = plan_of_findings(diagnosis.findings, robot)
     if not made.motions:
         remark(f"there is nothing that more runs would decide: {path} is not written")
         return
     text = plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml")
-    write_result(path, text, f"plan of {plural(len(made.motions), 'run')}")
+    write_result(path, text, "plan")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -184,6 +183,7 @@ FORMS = ("c", "json", "matlab", "mjcf", "python", "urdf")
 @options.recipe_option
 @options.effects_option
 @options.json_option
+@options.of_experiment
 def export(
     *,
     model: Path,
@@ -191,7 +191,7 @@ def export(
     output: Path | None,
     constants: str | None,
     force: bool,
-    recipe: Path | None,
+    experiment: Experiment,
     as_json: bool,
 ) -> None:
     """Write a model for other programs: gravity and friction in C, Python, MATLAB or JSON, or as URDF or MJCF.
@@ -205,7 +205,6 @@ def export(
       pumaid export results/model.json --format urdf --torque-constants 2=31.5
     """
     from pumaid import exports
-    from pumaid.experiment import Experiment
     from pumaid.exports.equivalent_bodies import read_constants
 
     to_pipe = output is not None and str(output) == "-"
@@ -213,7 +212,7 @@ def export(
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
     if to_pipe and (form == "c" or as_json):
         raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
-    experiment = Experiment((str(model),), recipe)
+    experiment = replace(experiment, logs=(str(model),))
     estimate, robot = experiment.model(model), experiment.robot
     name = "" if output is None or to_pipe or output.is_dir() else output.stem
     torques = None if constants is None else read_constants(constants, robot.n_joints)
@@ -297,23 +296,18 @@ def doctor(*, as_json: bool) -> None:
       pumaid doctor
     """
     import platform
-    from importlib.metadata import PackageNotFoundError, version
+    from importlib.metadata import distributions
 
     from pumaid import __version__
     from pumaid.effects import catalogue
-    from pumaid.io.recipe import shipped_recipes
 
-    installed = dict.fromkeys(LIBRARIES, "-")
-    for name in installed:
-        with suppress(PackageNotFoundError):
-            installed[name] = version(name)
+    versions = {item.name: item.version for item in distributions() if item.name in LIBRARIES}
     facts: dict[str, object] = {
         "pumaid": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "libraries": installed,
+        "libraries": dict.fromkeys(LIBRARIES, "-") | versions,
         "effects": list(catalogue()),
-        "recipes": list(shipped_recipes()),
         "processors": os.cpu_count(),
         "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},
     }

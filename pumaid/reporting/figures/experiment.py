@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Patch, Polygon
 from scipy.spatial import ConvexHull
 
 from pumaid.dataset import STROKE, Dataset, Reject, Run
@@ -162,7 +162,7 @@ def _points(robot: Robot, position: Floats, tip: float) -> Floats:
 
 
 def _panel(axes: Axes, robot: Robot, motions: Sequence[Motion]) -> tuple[float, float]:
-    """The arm with the moving joint in the middle of its range, its ends, and what its tip sweeps; the range."""
+    """The arm with the moving joint amid its range, its ends, what its tip sweeps, and forbidden boxes; the range."""
     joint, ends = motions[0].joint, [end for motion in motions for end in (motion.start, motion.end)]
     positions = np.tile(np.array(motions[0].hold, dtype=float), (POSITIONS, 1))
     positions[:, joint - 1] = np.linspace(min(ends), max(ends), POSITIONS)
@@ -182,27 +182,15 @@ def _panel(axes: Axes, robot: Robot, motions: Sequence[Motion]) -> tuple[float, 
     axes.plot(*flat[pivot:].T, color=FORWARD, zorder=6, **look)
     axes.plot(*flat[pivot], "o", color="white", markeredgecolor=FORWARD, markersize=6.5, zorder=8)
     _surroundings(axes, robot, reach)
-    if robot.safety:
-        space = arms.reshape(-1, 3)
-        limits = space.min(axis=0) - RIM * reach, space.max(axis=0) + RIM * reach
-        _safety(axes, robot, positions[POSITIONS // 2], joint, limits=limits)
-    return min(ends), max(ends)
-
-
-def _safety(axes: Axes, robot: Robot, position: Floats, joint: int, *, limits: tuple[Floats, Floats]) -> None:
-    """Outlines of forbidden boxes within two corners (3,) of the space drawn, and the arm's spheres."""
-    assert robot.safety is not None
-    for box in robot.safety.boxes:
-        low, high = np.maximum(box.low, limits[0]), np.minimum(box.high, limits[1])
+    space = arms.reshape(-1, 3)
+    for box in robot.safety.boxes if robot.safety else ():
+        low = np.maximum(box.low, space.min(axis=0) - RIM * reach)
+        high = np.minimum(box.high, space.max(axis=0) + RIM * reach)
         if (low < high).all():
             corners = projected(np.array(list(product(*zip(low, high, strict=True)))))
             outline = corners[ConvexHull(corners).vertices]
             axes.add_patch(Polygon(outline, color=BACKWARD, alpha=0.14, linewidth=0.6, zorder=0))
-    origins, rotations = frames(robot, position)
-    for sphere in robot.safety.spheres:
-        centre = projected((origins[sphere.link] + rotations[sphere.link] @ np.array(sphere.centre))[None])[0]
-        colour = FORWARD if sphere.link >= joint else INK
-        axes.add_patch(Circle(centre, sphere.radius, facecolor=colour, alpha=0.12, linewidth=0, zorder=4))
+    return min(ends), max(ends)
 
 
 # Runs
