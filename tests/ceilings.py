@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25268,
-    "statements": 15429,
+    "lines": 25228,
+    "statements": 15393,
     "modules": 124,
     "import depth": 12,
     "lines of tests and tools": 21971,
