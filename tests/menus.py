@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.design.candidate_runs import Collision, free_blocks, postures, speeds, sweeps
-from pumaid.design.information import CandidateInformation, Prior, candidate_information, existing_names, prior_robots
+from pumaid.design.information import CandidateInformation, Prior, candidate_information, gravity_names, prior_robots
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import minimal
@@ -28,7 +28,7 @@ def prior(name: str, seed: int = 1) -> Prior:
 
 def names(robot: Robot) -> tuple[str, ...]:
     """Gravity parameters and ratios that an arm has."""
-    return existing_names(robot, minimal(robot))
+    return gravity_names(robot, minimal(robot))
 
 
 @cache

@@ -135,22 +135,19 @@ _BLIND, _RIDGE = 1e-11, 1e-9
 _FRICTION = (("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("viscous", "minus"))
 
 
-def gravity_names(robot: Robot) -> tuple[str, ...]:
-    """Names of all gravity parameters and gain ratios of neighbours, also of those that the arm cannot show."""
+def gravity_names(robot: Robot, structure: Structure | None = None) -> tuple[str, ...]:
+    """Names of all gravity parameters and gain ratios of neighbours; with a `structure`, of those that the arm has."""
+    absent = absent_names(structure) if structure else {}
     parts = {joint.number: catalogue()["gravity"].parameters(robot, joint.number) for joint in robot.joints}
     names = [f"gravity.l{number}.{part.name}" for number, listed in parts.items() for part in listed]
-    return (*names, *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
+    names += [f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)]
+    return tuple(name for name in names if name not in absent)
 
 
 def absent_names(structure: Structure) -> dict[str, str]:
     """Name -> why no run on this arm can show it."""
     ratios = {f"gain_ratio.{i}.{j}": why for (i, j), why in structure.redundant.items()}
     return {**structure.absent, **ratios}
-
-
-def existing_names(robot: Robot, structure: Structure) -> tuple[str, ...]:
-    """Gravity parameters and gain ratios that the arm has."""
-    return tuple(name for name in gravity_names(robot) if name not in absent_names(structure))
 
 
 def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:

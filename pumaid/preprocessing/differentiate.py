@@ -98,18 +98,14 @@ def acceleration(time: Floats, position: Floats) -> Floats:
         rough = bent - savitzky_golay(bent, window, 0)
         curved = savitzky_golay(bent, window, 2)
         noise = float(rough @ rough) / len(rough) * window / (window - ORDER - 1)
-        carried = max(noise, floor**2) * _noise_gain(window, len(time))
+        # Mean variance of the second derivative of white noise of variance one.
+        gains = np.sum(_cubics(window, 2) ** 2, axis=1)
+        gain = gains.sum() + (len(time) - window) * gains[window // 2]
+        carried = max(noise, floor**2) * float(gain) / len(time)
         square = float(curved @ curved) / len(curved)
         if square > clearest * carried:
             best, clearest = curved / step**2, square / carried
     return best
-
-
-@lru_cache(1024)
-def _noise_gain(window: int, length: int) -> float:
-    """Mean variance of the second derivative over `length` samples of white noise of variance one."""
-    squares, half = np.sum(_cubics(window, 2) ** 2, axis=1), window // 2
-    return float((squares.sum() - squares[half] + (length - window + 1) * squares[half]) / length)
 
 
 def round_half_up(count: float) -> int:

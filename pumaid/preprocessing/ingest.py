@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from pumaid import __version__
 from pumaid.dataset import Dataset, FileFacts
-from pumaid.errors import LogError, Note, PumaidError, Where, listed, refuse
+from pumaid.errors import LogError, Note, Where, listed, refuse
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
@@ -74,9 +74,10 @@ def ingest(
     # What all logs show needs no message a file; what one file shows may drown in the different.
     refused = [item for item in of_all if isinstance(item, LogError)]
     refused = refused or list({fault.slug: fault for fault in reversed(faults)}.values())[::-1]
-    notes = [*_summarised(dataset.notes), *_refused(refused, trust=trust)]
-    notes += [item for item in of_all if isinstance(item, Note)]
-    notes += _refused(_copies(dataset.files), trust=trust)
+    refused += _copies(dataset.files)
+    refuse([] if trust else refused)
+    believed = [Note(item.slug, f"{item.what}; {item.mend}", item.where) for item in refused]
+    notes = [*_summarised(dataset.notes), *believed, *(item for item in of_all if isinstance(item, Note))]
     return replace(dataset, notes=tuple(notes))
 
 
@@ -124,12 +125,6 @@ def _copies(files: Sequence[FileFacts]) -> list[LogError]:
     more = f" ... ({len(pairs)} in all)" if len(pairs) > MOST_ALIKE else ""
     what = f"{'; '.join(pairs[:MOST_ALIKE])}{more}: counted twice, errors would come out too small"
     return [LogError("log-doubled", what, Where(file=copies[0]), "leave one of the two out")] if copies else []
-
-
-def _refused(faults: Sequence[PumaidError], *, trust: bool) -> list[Note]:
-    """Faults are raised, or become notes where the user trusts the logs."""
-    refuse([] if trust else faults)
-    return [Note(fault.slug, f"{fault.what}; {fault.mend}", fault.where) for fault in faults]
 
 
 def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
@@ -185,12 +180,15 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
         raise LogError("no-cluster", what, where, "pip install 'pumaid[dask]'") from error
     for name in ("distributed", "tornado", "asyncio"):  # a cluster that ends logs it as tracebacks
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    local = {"n_workers": jobs or None, "threads_per_worker": 1, "dashboard_address": ":0"}
+    local = {
+        "silence_logs": logging.CRITICAL,
+        "n_workers": jobs or None,
+        "threads_per_worker": 1,
+        "dashboard_address": ":0",
+    }
     with ExitStack() as stack:
         try:
-            place: Any = address
-            if address == LOCAL:
-                place = stack.enter_context(distributed.LocalCluster(**local, silence_logs=logging.CRITICAL))
+            place = stack.enter_context(distributed.LocalCluster(**local)) if address == LOCAL else address
             client = stack.enter_context(distributed.Client(place, timeout=PATIENCE))
             versions = client.get_versions(packages=["pumaid"])
         except (OSError, ValueError, TypeError) as error:
