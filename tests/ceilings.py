@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25228,
-    "statements": 15393,
-    "modules": 124,
+    "lines": 25204,
+    "statements": 15362,
+    "modules": 122,
     "import depth": 12,
-    "lines of tests and tools": 21971,
+    "lines of tests and tools": 21970,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
