@@ -342,6 +342,12 @@ class Projector:
         """(R, P) score of each run for the fit's parameters."""
         return np.vstack([row.bins.sums(row.jacobian * row.residual[:, None]) for row in self.solved.joints])
 
+    @cached_property
+    def acting(self) -> dict[int, tuple[Counts, Floats]]:
+        """Joint -> (p,) numbers of the parameters and ratios that act there, and (p, N) its derivatives by them."""
+        numbers = {row.bins.joint: np.flatnonzero(row.jacobian.any(axis=0)) for row in self.solved.joints}
+        return {joint: (n, self.solved.row(joint).jacobian.T[n]) for joint, n in numbers.items()}
+
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
         """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
         made, robot = dict[int, Floats](), self.solved.model.robot
@@ -358,7 +364,11 @@ class Projector:
 
     def crossed(self, white: Mapping[int, Floats]) -> Floats:
         """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
-        return np.asarray(sum(self.solved.row(joint).jacobian.T @ columns for joint, columns in white.items()))
+        out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
+        for joint, columns in white.items():
+            acting, derivatives = self.acting[joint]
+            out[acting] += derivatives @ columns
+        return out
 
     def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
         """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
