@@ -15,10 +15,9 @@ from blind_world.case import Case, drawn
 from blind_world.effects import CATALOGUE
 from blind_world.gravity import holding
 from blind_world.hidden import Strokes, Unfit, signature, sized
-from blind_world.logs import write_experiment
 from blind_world.oracle import TESTS, threshold
 from blind_world.score import Session, judged
-from blind_world.world import noises, sensed
+from blind_world.world import noises, sensed, write_experiment
 
 pytestmark = pytest.mark.slow
 

@@ -7,17 +7,19 @@ machine does only adds. Longer logs are the same files again under other names (
 """
 
 import argparse
+import datetime
 import os
+import platform
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 
-from measured import append
+import pandas as pd
 
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
@@ -46,6 +48,18 @@ finally:
     peak = pathlib.Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]
     pathlib.Path(place).write_text(str(int(peak) // 1024))
 """
+
+
+def append(path: Path, records: Iterable[dict[str, object]], **about: object) -> None:
+    """Append each record as it comes, with the day, the machine and what else is to be said of all; print it, too."""
+    day = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    about = {"day": day, "cores": os.cpu_count(), "machine": platform.machine()} | about
+    table = pd.read_csv(path, dtype=str) if path.exists() else pd.DataFrame()
+    for record in records:
+        rounded = {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in record.items()}
+        table = pd.concat([table, pd.DataFrame([about | rounded])])
+        table.to_csv(path, index=False)
+        print(", ".join(f"{name} {value}" for name, value in rounded.items()), flush=True)
 
 
 def seconds(program: str, *words: object) -> float:

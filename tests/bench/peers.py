@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from free_motion import reach, recorded, waves
-from measured import append
+from pass_speed import append
 
 from pumaid import export, read_model
 from pumaid.dataset import Log

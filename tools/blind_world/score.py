@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from blind_world.case import Case, Experiment, drawn
 from blind_world.hidden import Hidden, Unfit, applied
-from blind_world.logs import write_experiment
 from blind_world.motion import RATE
-from blind_world.world import sensed
+from blind_world.world import sensed, write_experiment
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.diagnose import diagnose
 from pumaid.diagnosis.records import Diagnosis, Finding
