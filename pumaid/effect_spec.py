@@ -1,7 +1,5 @@
 """Effects beyond the paper's model: as users name them (EFFECT@JOINT:SHAPE=VALUE) and as terms of a model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -73,7 +71,7 @@ class EffectTerm:
         """Nonlinear parameters by name."""
         return {shape.name: shape for shape in self.effect.shapes(robot, self.number)}
 
-    def searched(self, robot: Robot) -> EffectTerm:
+    def searched(self, robot: Robot) -> "EffectTerm":
         """The same with all shapes that it has fitted, as far as these have derivatives."""
         shapes = self.shapes(robot)
         return replace(self, fitted=tuple(name for name in shapes if shapes[name].is_searched and name in self.shape))
@@ -126,7 +124,7 @@ class EffectTerm:
                 columns.append((rise / (high - low))[:, None])
         return np.hstack(columns)
 
-    def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> EffectTerm:
+    def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> "EffectTerm":
         """The same with other shapes, and derivatives at other sizes."""
         return replace(self, shape={**self.shape, **shape}, sizes=tuple(float(size) for size in sizes))
 

@@ -1,7 +1,5 @@
 """The model of the currents: which parameters an arm has, its names and columns, and what it says of loads."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math
@@ -142,19 +140,19 @@ class Model:
         self.owners = np.array([column.owner for column in self.columns], dtype=int)
         self.is_scaled = np.array([column.scope is Scope.LINK for column in self.columns], dtype=bool)
 
-    def with_effects(self, effects: Sequence[EffectTerm]) -> Model:
+    def with_effects(self, effects: Sequence[EffectTerm]) -> "Model":
         """The same arm with these effects instead of its own."""
         other = copy.copy(self)
         other._choose(effects)
         return other
 
     @classmethod
-    def of_runs(cls, robot: Robot, runs: Iterable[Run], effects: Sequence[EffectTerm] = ()) -> Model:
+    def of_runs(cls, robot: Robot, runs: Iterable[Run], effects: Sequence[EffectTerm] = ()) -> "Model":
         """The model that `runs` ask for: with inertia where a run accelerates."""
         return cls(robot, effects, is_dynamic=any(run.accelerates for run in runs))
 
     @classmethod
-    def of_estimate(cls, robot: Robot, estimate: Estimate) -> Model:
+    def of_estimate(cls, robot: Robot, estimate: Estimate) -> "Model":
         """The model that `estimate` is a fit of, with the derivatives by shapes that it fitted."""
         values = dict(zip(estimate.names, estimate.solution, strict=True))
         effects = []

@@ -325,7 +325,7 @@ class DiagnosisBuilder:
         return errors[0], errors[1]
 
     def _curve(self, candidate: EvaluatedCandidate, joint: int) -> Curve:
-        row, drawn = candidate.on.row(joint), []
+        row, drawn = candidate.on.by_bin[joint], []
         for item in (candidate, *candidate.rivals):
             residual = misfit_with(item.on, item.trial).get(joint)
             if residual is not None and len(residual) == len(row.misfit):
@@ -337,7 +337,7 @@ class DiagnosisBuilder:
         judged = self.verdicts.get(joint)
         if judged is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
-        row, shape = self.fits[0].row(joint), self._shape(joint)
+        row, shape = self.fits[0].by_bin[joint], self._shape(joint)
         split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=floor)
         limits = sorted(self.limits.items(), key=lambda item: (item[0][0], item[0][1] or 0))
         return replace(

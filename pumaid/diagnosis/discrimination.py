@@ -328,7 +328,8 @@ def _best_set(
     tried = [candidate for table, _ in tables for candidate in table]
     new = frozenset(hold for _, holds in tables for hold in holds)
     waves = [
-        term.shape[str(term.effect.periodic)] * np.ptp(fit.row(term.number).bins.samples.position[:, term.number - 1])
+        term.shape[str(term.effect.periodic)]
+        * np.ptp(fit.by_bin[term.number].bins.samples.position[:, term.number - 1])
         for term in terms
         if term.effect.periodic is not None and term.joint is not None
     ]
@@ -392,7 +393,7 @@ def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]
 
     The second result are the new postures.
     """
-    robot, bins = _explored(fit), fit.row(joint).bins
+    robot, bins = _explored(fit), fit.by_bin[joint].bins
     slowest = min(abs(run.speed) for run in bins.runs)
     shares = np.geomspace(min(SLOW, SLOWER * slowest / top_speed(robot, joint)), 1.0, SPEEDS)
     parts = sweeps(robot, joint, speeds(robot, joint, shares.tolist()))[::-1]
@@ -414,7 +415,7 @@ def runs_ahead(fit: Fit, tried: Sequence[Block], numbers: Counts, *, bins: int) 
 
     Each is the first of a recording. Noise is that of the run of the data that is nearest in speed.
     """
-    robot, before = _explored(fit), fit.row(tried[int(numbers[0])].joint).bins.samples
+    robot, before = _explored(fit), fit.by_bin[tried[int(numbers[0])].joint].bins.samples
     measured = before.temperature[np.isfinite(before.temperature)]
     coldest = float(measured.min()) if len(measured) else np.nan
     nothing = None if before.extra is None else np.zeros((bins, before.extra.shape[1]))

@@ -143,7 +143,7 @@ def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
     names = [shape.name for shape in shapes]
     start = np.array([term.shape[name] for name in names])
     if term.effect.periodic is not None and term.joint is not None:
-        step = np.array([np.pi / 2.0 / np.ptp(solved.row(term.joint).bins.samples.position[:, term.joint - 1])])
+        step = np.array([np.pi / 2.0 / np.ptp(solved.by_bin[term.joint].bins.samples.position[:, term.joint - 1])])
         ends = np.array([(shape.low, shape.high) for shape in shapes])
     else:
         step = FIRST_STEP * np.where(start == 0.0, 1.0, np.abs(start))
@@ -348,7 +348,7 @@ class FoldLosses:
 def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
     """Repeated runs of each joint leave together; runs one by one where that would be too many."""
     folds: list[Fold] = []
-    for bins in (solved.row(joint).bins for joint in joints):
+    for bins in (solved.by_bin[joint].bins for joint in joints):
         alone = tuple((number,) for number in range(len(bins.runs)))
         is_too_many = max(len(group) for group in bins.groups) > MOST_LEAVING * len(bins.runs)
         folds += [(bins.joint, group) for group in (alone if is_too_many else bins.groups)]
@@ -369,7 +369,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
     white = projector.whitened(plain)
     whole_cross, whole = projector.crossed(white), solved.information()
     gram = np.sum([columns.T @ columns for columns in white.values()], axis=0)
-    slope = np.sum([columns.T @ solved.row(joint).residual for joint, columns in white.items()], axis=0)
+    slope = np.sum([columns.T @ solved.by_bin[joint].residual for joint, columns in white.items()], axis=0)
     alone = np.diagonal(gram) - np.sum(whole_cross * (solved.inverse @ whole_cross), axis=0)
     unit = np.divide(1.0, np.sqrt(np.maximum(alone, 0.0)), out=np.zeros_like(alone), where=alone > 0.0)
     size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
@@ -379,7 +379,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
     places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
     units = unit[places][:, :, None] * np.eye(places.shape[1])
     for joint, runs in folds:
-        row = solved.row(joint)
+        row = solved.by_bin[joint]
         bins = np.isin(row.bins.run, runs)
         J, r, weight = row.jacobian[bins], row.residual[bins], row.bins.count[bins]
         C = white[joint][bins] if joint in white else np.zeros((len(r), len(slope)))

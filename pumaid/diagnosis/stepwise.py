@@ -120,7 +120,7 @@ def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
         return out
     turned = on.inverse @ projector.crossed(projector.whitened(plain))
     for joint, columns in plain.items():
-        row = on.row(joint)
+        row = on.by_bin[joint]
         out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
     return out
 
@@ -249,7 +249,7 @@ class Stepwise:
         if effect is None or effect.periodic is None:
             return ()
         for bins in (bins for bins in self._bins[1] if effect.applies(self.model.robot, bins.joint) is None):
-            coarse, fine, key = solved.row(bins.joint).residual, solved.at(bins), (effect.name, bins.joint)
+            coarse, fine, key = solved.by_bin[bins.joint].residual, solved.at(bins), (effect.name, bins.joint)
             white = fine.residual
             square = solved.square - float(coarse @ coarse) + float(white @ white)
             scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1) / solved.scale
@@ -307,8 +307,8 @@ class Stepwise:
         trial = refine_shape(Projector(on), grid)
         chance, falls = chances.p_value(grid.added.key, grid.surprise(on.scale)), None
         residuals = misfit_with(on, trial)
-        before = {joint: rmse(on.row(joint).bins, on.row(joint).misfit) for joint in residuals}
-        after = {joint: rmse(on.row(joint).bins, residual) for joint, residual in residuals.items()}
+        before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
+        after = {joint: rmse(on.by_bin[joint].bins, residual) for joint, residual in residuals.items()}
         if chance <= NEAR:
             shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
             falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))

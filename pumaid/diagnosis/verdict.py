@@ -92,7 +92,7 @@ def forms(bins: JointBins) -> Iterator[FreeForm]:
 def free_form_scores(solved: Fit, joint: int) -> list[ScoreTest]:
     """Every free form at one joint, in the directions of its hats that a fit with loads does not absorb."""
     projector, out = Projector(solved), []
-    for form in forms(solved.row(joint).bins):
+    for form in forms(solved.by_bin[joint].bins):
         term = EffectTerm(form, joint)
         scores, information, raw = _hat_scores(projector, term)
         visible = np.flatnonzero(np.diagonal(information) > ABSORBED * raw)
@@ -139,7 +139,7 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
 
     It is that of the fits as it was given and with all that was added; `acting`: something of it acts there.
     """
-    a, b = first.row(joint), last.row(joint)
+    a, b = first.by_bin[joint], last.by_bin[joint]
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
     is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
     forms = free_form_scores(last, joint)
@@ -167,7 +167,7 @@ def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
     knots, values, errors = knot_values(solved, trial)
     unit = VARIABLES[free.variable][0].format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
     peak = float(knots[int(np.argmax(np.abs(values)))])
-    row = solved.row(trial.added.joint)
+    row = solved.by_bin[trial.added.joint]
     freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
     explained = max(trial.statistic - trial.width, 0.0)
     excess = max(float(row.residual @ row.residual) - freedom, explained)

@@ -243,7 +243,7 @@ def notes_on(
     yield from of_runs(fitted)
     yield from of_drift(estimate.joints, repeated)
     for joint in sorted(fitted.weak):
-        runs = len(fitted.row(joint).bins.runs)
+        runs = len(fitted.by_bin[joint].bins.runs)
         yield _note("few-runs", Where(joint=joint), runs=f"{runs} run{'s' if runs > 1 else ''}")
     yield from of_gears(fitted, robot)
     # Beside another effect of speed, a viscous term is a part of friction only.
@@ -263,7 +263,7 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
     Noise is what is left of each run by its own harmonic, or the noise floor if that is less.
     """
     for system in fitted.rows:
-        row, joint = fitted.row(system.joint), next(fit for fit in joints if fit.joint == system.joint)
+        row, joint = fitted.by_bin[system.joint], next(fit for fit in joints if fit.joint == system.joint)
         misses, size = joint.rmse or 0.0, math.sqrt(row.bins.mean_square)
         squares, samples = _inside(row.bins)
         noise, floor = float(np.sqrt(np.average(squares, weights=samples))), joint.noise_floor or 0.0

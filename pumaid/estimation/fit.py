@@ -1,7 +1,5 @@
 """A weighted fit of bins, of which every table, test and plan asks its question; each joint's runs are rows of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -49,7 +47,7 @@ class Row:
     @classmethod
     def of(
         cls, bins: JointBins, design: Floats, inner: NoiseModel, *, moved: Floats | None = None, slow: float = 1.0
-    ) -> Row:
+    ) -> "Row":
         """Whitened and reduced; `moved` is (N, P)."""
         p, more = design.shape[1], np.zeros((len(bins), 0)) if moved is None else moved
         parts = [bins.harmonic, more, design, np.ones(len(bins)), bins.current]
@@ -65,10 +63,8 @@ class Row:
         """From 1."""
         return self.bins.joint
 
-    def in_columns(self, old: Sequence[str], new: Sequence[str]) -> Row:
+    def in_columns(self, old: Sequence[str], new: Sequence[str]) -> "Row":
         """The same runs where the columns called `old` are `new`; what is not among them is zero."""
-        if list(old) == list(new):
-            return self
         place = {name: n for n, name in enumerate(old)}
         index = [place.get(name, len(old)) for name in new]
         design, regressors = (
@@ -148,7 +144,7 @@ class Fit:
     solution: JointSolution
     prior: Floats
     limit: Floats
-    first: Fit | None = None
+    first: "Fit | None" = None
     absorbed: Mapping[int, list[tuple[int, int]]] = field(default_factory=dict)
 
     @property
@@ -218,7 +214,7 @@ class Fit:
         """Joint (from 1) -> the fit at its bins."""
         return {row.joint: self.at(row.bins, row.design, noise=self.noises[row.joint]) for row in self.rows}
 
-    def with_rows(self, rows: Mapping[int, FitRow]) -> Fit:
+    def with_rows(self, rows: Mapping[int, FitRow]) -> "Fit":
         """The same fit with some joints' rows by bin replaced."""
         copy = replace(self)
         copy.__dict__["by_bin"] = self.by_bin | dict(rows)
@@ -228,10 +224,6 @@ class Fit:
     def joints(self) -> tuple[FitRow, ...]:
         """The fit at the bins of each joint, base first."""
         return tuple(self.by_bin[joint] for joint in sorted(self.by_bin))
-
-    def row(self, joint: int) -> FitRow:
-        """The fit at the bins of `joint` (from 1)."""
-        return self.by_bin[joint]
 
     def at(self, bins: JointBins, design: Floats | None = None, *, noise: NoiseModel | None = None) -> FitRow:
         """The fit at any bins of a joint, weighted by `noise`, where not given as these bins show it.
@@ -276,7 +268,7 @@ def at_bins(fitted: Fit, bins: JointBins) -> Fit:
 
 def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
     """One joint of the fit at runs that were not fitted, their noise like that of fitted runs as fast."""
-    old = fitted.row(bins.joint)
+    old = fitted.by_bin[bins.joint]
     return fitted.at(bins, noise=old.noise.at(old.bins, bins))
 
 
@@ -359,7 +351,7 @@ class Projector:
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""
-        rows = {joint: self.solved.row(joint) for joint in columns}
+        rows = {joint: self.solved.by_bin[joint] for joint in columns}
         return {joint: rows[joint].noise.whiten(rows[joint].bins, values) for joint, values in columns.items()}
 
     def crossed(self, white: Mapping[int, Floats]) -> Floats:
@@ -380,7 +372,7 @@ class Projector:
         turned = self.solved.inverse @ cross
         scores, gram = -self.base_scores @ turned, np.zeros((cross.shape[1] // width, width, width))
         for joint, columns in white.items():
-            row = self.solved.row(joint)
+            row = self.solved.by_bin[joint]
             scores[self.runs[joint]] += row.bins.sums(columns * row.residual[:, None])
             gram += _products(columns, columns, width)
         raw = np.diagonal(gram, axis1=1, axis2=2).ravel()
@@ -402,14 +394,16 @@ class Projector:
         shifts = -self.solved.inverse @ cross
         gram = np.sum([_products(values, values, width) for values in white.values()], axis=0)
         beyond = gram + _products(cross, shifts, width)
-        parts = [self.solved.row(joint).residual @ values for joint, values in white.items()]
+        parts = [self.solved.by_bin[joint].residual @ values for joint, values in white.items()]
         total = np.sum(parts, axis=0).reshape(-1, width)
         peaks = {joint: np.abs(values).max(axis=0).reshape(-1, width) for joint, values in columns.items()}
         out = []
         for k in range(len(terms)):
             usual = np.zeros(width) if limits is None else limits
             for n, span in enumerate(spans if limits is None else ()):
-                usual[n] = plausible([(self.solved.row(j).bins, float(peak[k, n])) for j, peak in peaks.items()], span)
+                usual[n] = plausible(
+                    [(self.solved.by_bin[j].bins, float(peak[k, n])) for j, peak in peaks.items()], span
+                )
             raw = np.diag(gram[k])
             size = np.sqrt(np.where(raw > 0, raw, 1.0))
             scale = np.maximum(usual * size, NOTHING)

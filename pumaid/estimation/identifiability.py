@@ -377,7 +377,7 @@ class FittedParameters:
     def _load(self, edge: int) -> tuple[float, float]:
         """RMS (A) of what comes through an edge in its upper joint's current, and that part's standard error."""
         gains, place = self.fitted.gains, len(self.fitted.values) + edge
-        row = self.fitted.row(gains.uppers[edge] + 1)
+        row = self.fitted.by_bin[gains.uppers[edge] + 1]
         slope = math.sqrt(float(np.average(row.bare[:, place] ** 2, weights=row.bins.count)))
         return abs(gains.ratios[edge]) * slope, float(np.sqrt(self.covariance[place, place])) * slope
 

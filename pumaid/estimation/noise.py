@@ -1,7 +1,5 @@
 """The noise of one joint's bins: correlated within a run, with a level that each run shares; the only noise model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -82,7 +80,7 @@ class NoiseModel:
         out[bins.first] = (fresh * values[bins.first].T).T
         return np.asarray((out.T / (self.spread * fresh)[bins.run]).T)
 
-    def at(self, bins: JointBins, others: JointBins) -> NoiseModel:
+    def at(self, bins: JointBins, others: JointBins) -> "NoiseModel":
         """Of other runs of the joint than those in `bins`, by the nearest in speed: slow noise keeps its density."""
         measured, speeds = (np.array([abs(run.speed) for run in part.runs]) for part in (bins, others))
         near = np.argmin(np.abs(np.log(measured[None, :] / speeds[:, None])), axis=1)

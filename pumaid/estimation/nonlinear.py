@@ -188,7 +188,7 @@ def _grid(projector: Projector, term: EffectTerm, covered: Extent) -> list[Point
     periodic = term.effect.periodic
     if periodic is None or periodic in term.shape or len(points) <= SHORTLIST:
         return points
-    frequencies, row = np.array([point[periodic] for point in points]), projector.solved.row(term.number)
+    frequencies, row = np.array([point[periodic] for point in points]), projector.solved.by_bin[term.number]
     q = row.bins.samples.position[:, term.number - 1]
     step = 2.0 * np.pi / (PERIOD * float(frequencies.max()))
     where = np.round((q - float(q.min())) / step).astype(np.int64)

@@ -206,7 +206,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
     """Before and after are in A, over the samples of every run once, the variance inside bins included."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("spring", 1, {"a": 0.1}))
     solved = lab.fitted(lab.noisy(1))
-    row, squares, count = solved.row(1), np.zeros(2), 0.0
+    row, squares, count = solved.by_bin[1], np.zeros(2), 0.0
     root = block_diag(*roots(row.bins, row.noise))
     designs = (row.bare, np.column_stack([row.bare, SPRING[0].linear(solved.model.robot, row.bins.samples)]))
     for _, runs in replicate_folds(solved, [1]):
@@ -229,14 +229,14 @@ def test_repeated_runs_leave_together():
     folds = [runs for _, runs in replicate_folds(alone, [1])]
     assert sorted(run for runs in folds for run in runs) == list(range(32))
     # A single joint has one posture: both "postures" of the design are the same to it.
-    assert all(len(runs) == 4 and len({alone.row(1).bins.runs[k].speed for k in runs}) == 1 for runs in folds)
+    assert all(len(runs) == 4 and len({alone.by_bin[1].bins.runs[k].speed for k in runs}) == 1 for runs in folds)
 
 
 def test_what_the_other_runs_do_not_show_is_not_guessed():
     """A step between the first run and all others is seen in that run alone: without it nothing is predicted of it."""
     lab = lever()
     solved = lab.fitted(lab.noisy(0))
-    field = solved.row(1).bins
+    field = solved.by_bin[1].bins
     second = float(field.samples.time[field.first[1]])
     step = [EffectTerm(catalogue()["friction_step"], 1, {"time": second - 0.5})]
     found = leave_out(solved, step, [(1, (0,))])
@@ -263,7 +263,7 @@ def lab(amplitude: float = 0.0, frequency: float = 40.0) -> Lab:
 
 def solved_row(some: Lab, runs: tuple[Run, ...]) -> FitRow:
     """The fit of these runs on all their bins."""
-    return loaded(fit_with_replicates(some.model, joint_bins(some.robot, runs, most=BINS))).row(1)
+    return loaded(fit_with_replicates(some.model, joint_bins(some.robot, runs, most=BINS))).by_bin[1]
 
 
 @cache
@@ -277,7 +277,7 @@ def along(kind: str, runs: int, apart: float = 0.0) -> FitRow:
         path = course(kind, start + away, end + away, duration=3.0, samples=300)
         current = np.sign(path[2]) + 0.05 * np.cos(WAVE * path[1] + 0.7) + rng.normal(0.0, NOISE, 300)
         made.append(run_of(LEVER, 1, [0.0], course=path, current=current, bins=300))
-    return fit_with_replicates(Model.of_runs(LEVER, made), joint_bins(LEVER, made, most=300)).row(1)
+    return fit_with_replicates(Model.of_runs(LEVER, made), joint_bins(LEVER, made, most=300)).by_bin[1]
 
 
 def dense(row: FitRow, frequency: float) -> tuple[np.ndarray, float]:

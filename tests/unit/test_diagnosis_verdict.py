@@ -161,8 +161,8 @@ def test_forms_are_those_that_the_runs_can_show():
     single = Lab.of(LEVER, design(LEVER, speeds=(0.5,)))
     assert "s f(v)" not in {form.name for form in forms(single.bins()[0])}
     solved = pendulum().fitted(pendulum().noisy(0))
-    assert "s f(load)" in {form.name for form in forms(solved.row(2).bins)}
-    assert np.ptp(variable(solved.row(2).bins.samples, "load")) > 0.01
+    assert "s f(load)" in {form.name for form in forms(solved.by_bin[2].bins)}
+    assert np.ptp(variable(solved.by_bin[2].bins.samples, "load")) > 0.01
 
 
 def test_a_nameless_patch_is_unexplained_and_drawn():
@@ -203,7 +203,7 @@ def judged(seed: int, *, is_sprung: bool) -> tuple[Transfer | None, Fit, tuple]:
 def test_share_is_that_of_least_squares_over_all_runs():
     """One parameter more, the effect in the held-out runs alone, its own size held: by dense algebra."""
     found, solved, (field,) = judged(3, is_sprung=True)
-    row, fitted, own = elsewhere(solved, field), solved.row(1), len(solved.inverse) - 1
+    row, fitted, own = elsewhere(solved, field), solved.by_bin[1], len(solved.inverse) - 1
     only = row.noise.whiten(row.bins, SPRING.linear(solved.model.robot, row.bins.samples) @ solved.sizes(0))
     rest = np.vstack([np.delete(one.jacobian, own, axis=1) for one in (fitted, row)])
     columns = np.column_stack([rest, np.concatenate([0.0 * fitted.residual, only])])

@@ -43,7 +43,7 @@ def test_few_runs_take_their_noise_from_inside():
         runs = Bench(quiet, Plan("two", motions), rate=100.0).runs(np.random.default_rng(seed))
         fitted = fit_runs(PENDULUM, runs)
         assert fitted.weak == (2,) and not fitted.noises[2].level.any()
-        noise, count = fitted.noises[2], fitted.row(2).bins.count
+        noise, count = fitted.noises[2], fitted.by_bin[2].bins.count
         density = noise.spread**2 * (1.0 + noise.correlation) / (1.0 - noise.correlation)
         found.append(np.mean(density) * np.mean(count))
     phi = np.exp(-1.0 / (100.0 * 0.05))

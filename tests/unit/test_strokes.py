@@ -148,7 +148,7 @@ def test_the_hidden_velocity_is_within_its_interval():
 def test_strokes_do_not_pass_for_noise_of_other_runs(seed):
     """A joint's noise at constant speed is with strokes what it is without them."""
     alone, both = (fitted(seed, kinds) for kinds in (("constant",), ("constant", "stroke")))
-    noises = [fit.noises[2].spread[~fit.row(2).bins.accelerates] for fit in (alone, both)]
+    noises = [fit.noises[2].spread[~fit.by_bin[2].bins.accelerates] for fit in (alone, both)]
     # Equations of 24 runs know a variance to some 15 %.
     assert np.mean(noises[1] ** 2) == pytest.approx(np.mean(noises[0] ** 2), rel=0.3)
 
