@@ -15,7 +15,7 @@ from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Loads, Samples, Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
-from pumaid.maths import Counts, Flags, Floats, Recursion, independent
+from pumaid.maths import Flags, Floats, Recursion, independent
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
@@ -86,12 +86,10 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
         constant = bool(rows[:, owned].any()) and not sure[: len(owned)].any()
         if constant and not robot.joint(row + 1).is_revolute:
             embodied.append(row + 1)
-        for column, is_sure in zip(owned, sure[: len(owned)], strict=True):
-            recursion.values[column] = truth[column] if is_sure else 0.0
+        recursion.values[owned] = np.where(sure[: len(owned)], truth[owned], 0.0)
+        for parameter, is_sure in zip(gravity.parameters(robot, row + 1), sure[: len(owned)], strict=True):
             if not is_sure:
-                link = row + 1
-                name = gravity.parameters(robot, link)[column - owned[0]].name
-                absent[f"gravity.l{link}.{name}"] = _why_absent(robot, link, constant)
+                absent[f"gravity.l{row + 1}.{parameter.name}"] = _why_absent(robot, row + 1, constant)
         for root, is_sure in zip(roots, sure[len(owned) :], strict=True):
             if is_sure:
                 recursion.gains.parent[root], recursion.gains.edge[root] = row, float(rng.uniform(0.5, 2.0))
@@ -255,8 +253,12 @@ def body_columns(robot: Robot) -> list[Column]:
     return columns
 
 
-def loads_along(model: Model, samples: Samples, sizes: Counts, *, solution: Floats, scales: Floats) -> Loads:
-    """`loads` along runs of `sizes` instants each, in which all joints but the moving one stand."""
+def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats, at_nodes: bool = False) -> Loads:
+    """`loads` at bins, or at their nodes, those in blocks of any motion with the joint's inertial load.
+
+    In other runs all joints but the moving one stand, so that a few instants say what they are at all.
+    """
+    samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
     n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
 
     def table(knots: Samples) -> Floats:
@@ -265,22 +267,15 @@ def loads_along(model: Model, samples: Samples, sizes: Counts, *, solution: Floa
         gains = knot.gains
         return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.by_joint, knot.slopes])
 
-    values = swept(samples, sizes, table, turns=turns)
+    values = swept(samples, times * bins.lengths, table, turns=turns)
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
-    drawn = load[:, 0] + model.friction(samples, solution)
-    return Loads(load[:, 0], elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
-
-
-def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats, at_nodes: bool = False) -> Loads:
-    """`loads` at bins, or at their nodes, those in blocks of any motion with the joint's inertial load."""
-    samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
-    out = loads_along(model, samples, times * bins.lengths, solution=solution, scales=scales)
-    if bins.rigid_body is None or not model.is_dynamic:
-        return out
-    weights = np.nan_to_num(model.factors(scales, bins.joint)) * solution
-    torque = np.repeat(bins.rigid_body @ weights[model.inertial], times)
-    moving = np.where(np.isfinite(torque), torque, out.moving)
-    return replace(out, moving=moving, drawn=out.drawn + moving - out.moving)
+    moving, drawn = load[:, 0], load[:, 0] + model.friction(samples, solution)
+    if bins.rigid_body is not None and model.is_dynamic:
+        weights = np.nan_to_num(model.factors(scales, bins.joint)) * solution
+        torque = np.repeat(bins.rigid_body @ weights[model.inertial], times)
+        moving = np.where(np.isfinite(torque), torque, moving)
+        drawn += moving - load[:, 0]
+    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:

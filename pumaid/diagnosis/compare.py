@@ -303,7 +303,7 @@ class _Decomposition:
         row = FitRow(self.bins, self.noise, jacobian, white[:, -1], self.basis, self.residual)
         fit = SimpleNamespace(
             joints=(row,),
-            row=lambda joint: row,
+            by_bin={self.bins.joint: row},
             inverse=np.linalg.pinv(jacobian.T @ jacobian, hermitian=True),
             scale=1.0,
             model=SimpleNamespace(robot=None),  # a dependence asks for no robot

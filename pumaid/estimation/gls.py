@@ -400,8 +400,7 @@ def completed(working: Floats, errors: Floats, poor: Flags) -> Floats:
     variance below zero. The poor ones depend on the rest as by `working`, and are never surer than there.
     """
     good, bad = np.flatnonzero(~poor), np.flatnonzero(poor)
-    size = np.sqrt(np.maximum(np.diag(working), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
+    size = np.sqrt(np.where(np.diag(working) > 0.0, np.diag(working), 1.0))
     scaled, spread = working / np.outer(size, size), np.eye(len(working))[:, good]
     slope = scaled[np.ix_(bad, good)] @ np.linalg.pinv(scaled[np.ix_(good, good)], rcond=1e-10, hermitian=True)
     rest = scaled[np.ix_(bad, bad)] - slope @ scaled[np.ix_(good, bad)]

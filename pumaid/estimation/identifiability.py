@@ -43,8 +43,6 @@ LEANING = 0.02
 WORTH = 30.0
 #: Speeds within this share of each other are one speed, to someone who would tell Coulomb from viscous friction.
 ONE_SPEED = 0.02
-#: A current below this (A) is rounding, not a load.
-UNFELT = 1e-7
 #: A load of this many standard errors is felt, whatever else keeps its ratio from being known.
 SURELY_FELT = 5.0
 #: Share of its full lever below which a weight is as good as not felt: an axis within two degrees of upright.
@@ -250,7 +248,7 @@ def of_ratio(
     (felt, noise), kind = load, "ratio"
     if outer_postures(coverage[inner]) < 2:
         kind = "ratio" if model.is_dynamic else "ratio, one posture"
-    elif UNFELT < felt < SURELY_FELT * noise:
+    elif 1e-7 < felt < SURELY_FELT * noise:  # A; below there is only rounding
         kind = "ratio, light link"
     kind = f"{kind} in motion" if model.is_dynamic else kind
     return reason(kind, inner=inner, outer=outer, felt=number(felt, 2), noise=number(noise, 2))

@@ -338,7 +338,7 @@ def fit_effects(
     fine, binned = {term.joint for term in wanted if term.effect.periodic is not None}, list[JointBins]()
     for limit, is_fine in ((COARSE, False), (FINE, True)):  # the finest at joints that have a periodic effect
         part = [run for run in runs if (run.joint in fine) == is_fine]
-        binned += joint_bins(model.robot, part, most=limit, begun=begun, is_settled=False) if part else ()
+        binned += joint_bins(model.robot, part, most=limit, begun=begun, is_settled=False)
     work = EffectFit(model, sorted(binned, key=lambda part: part.joint), wanted)
     if not choices:
         work.fit = fit_bins(model, work.bins, recursive=recursive, progress=progress)
@@ -372,9 +372,8 @@ def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str])
     `before`, RMSE (A) by joint."""
     current = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in fitted.rows}
     for joint, row in fitted.by_bin.items():
-        was, size = before.get(joint, np.inf), row.rmse
+        was, size, where = before.get(joint, np.inf), row.rmse, Where(joint=joint)
         if size > WORSE * was and size > VISIBLE * current[joint]:
-            what = f"the fit with {', '.join(names)} misses joint {joint} by {number(size)} A"
-            what = f"{what}, without by {number(was)} A: it went astray"
+            miss = f"misses joint {joint} by {number(size)} A, without by {number(was)} A"
             mend = "give its shape, as in --add payload:time=400, or add fewer effects; nothing was written"
-            raise ModelError("effects-astray", what, Where(joint=joint), mend)
+            raise ModelError("effects-astray", f"the fit with {', '.join(names)} {miss}: it went astray", where, mend)
