@@ -86,8 +86,10 @@ class EffectTerm:
         """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
         effect, number = self.effect, self.number
         letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")
-        items: list[Parameter | Shape] = list(effect.parameters(robot, number))
-        items += [shape for shape in effect.shapes(robot, number) if shape.name in self.fitted]
+        items: list[Parameter | Shape] = [
+            *effect.parameters(robot, number),
+            *(shape for shape in effect.shapes(robot, number) if shape.name in self.fitted),
+        ]
         for item in items:
             is_shape = isinstance(item, Shape)
             symbol = item.name if isinstance(item, Shape) else item.symbol.format(n=number)

@@ -137,6 +137,7 @@ class Model:
         self.names = tuple(column.name for column in self.columns)
         self.owners = np.array([column.owner for column in self.columns], dtype=int)
         self.is_scaled = np.array([column.scope is Scope.LINK for column in self.columns], dtype=bool)
+        self.is_weight = np.array([column.effect == "gravity" for column in self.columns], dtype=bool)
 
     def with_effects(self, effects: Sequence[EffectTerm]) -> "Model":
         """The same arm with these effects instead of its own."""
@@ -327,10 +328,8 @@ def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats
     robot = model.robot
     out, weights = np.zeros((len(samples), robot.n_joints, 3)), np.zeros(robot.n_joints)
     reach = robot.displacements(samples.position)
-    for column, value in zip(model.columns, solution, strict=True):
-        if column.effect != "gravity":
-            continue
-        j, part = column.owner - 1, column.name.rsplit(".", 1)[1]
+    for n in np.flatnonzero(model.is_weight):
+        value, j, part = solution[n], model.columns[n].owner - 1, model.columns[n].name.rsplit(".", 1)[1]
         if part == "mass":
             weights[j] = value
             out[:, j] = reach[:, j, None] * frames[:, j, :, 2] * value

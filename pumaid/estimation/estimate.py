@@ -129,8 +129,7 @@ def identify(
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
     repeated = {joint: prediction.repeated for joint, prediction in at_joints.items()}
-    notes = notes_on(result, estimate, robot=robot, repeated=repeated)
-    return replace(estimate, notes=(*dataset.notes, *notes))
+    return replace(estimate, notes=(*dataset.notes, *notes_on(result, estimate, robot=robot, repeated=repeated)))
 
 
 def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Coverage, *, recursive: bool) -> Estimate:
@@ -264,11 +263,11 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
     """
     for system in fitted.rows:
         row, joint = fitted.by_bin[system.joint], next(fit for fit in joints if fit.joint == system.joint)
-        misses, size = joint.rmse or 0.0, math.sqrt(row.bins.mean_square)
+        misses, floor = joint.rmse or 0.0, joint.noise_floor or 0.0
         squares, samples = _inside(row.bins)
-        noise, floor = float(np.sqrt(np.average(squares, weights=samples))), joint.noise_floor or 0.0
-        noise = noise if joint.noise_floor is None else min(noise, joint.noise_floor)
-        if misses <= max(FAR * noise, SEEN * size):
+        inside = float(np.sqrt(np.average(squares, weights=samples)))
+        noise = inside if joint.noise_floor is None else min(inside, floor)
+        if misses <= max(FAR * noise, SEEN * math.sqrt(row.bins.mean_square)):
             continue
         name, evidence = _outlier_file(row, system.design)
         kind = "logs-disagree" if name else "model-misses"

@@ -82,10 +82,10 @@ def fit_bins(
     paper, start, noises, weak = _recursions(model, rows, owners, limit, tell=tell)
     # Columns left open by their own row; and weights of rows that were solved with an open load taken for known.
     gains, absorbed = paper.gains, dict[int, list[tuple[int, int]]]()
-    is_load, is_open = np.array([c.effect == "gravity" for c in model.columns]), paper.undetermined.copy()
+    is_open = paper.undetermined.copy()
     for edge in sorted(gains.edges, reverse=True):
-        if np.any(is_open & is_load & np.isin(paper.owners, gains.subtree(edge))):
-            is_open |= is_load & (paper.owners == gains.parent[edge])
+        if np.any(is_open & model.is_weight & np.isin(paper.owners, gains.subtree(edge))):
+            is_open |= model.is_weight & (paper.owners == gains.parent[edge])
     for n in np.flatnonzero(is_open).tolist():
         absorbed[n] = [(row + 1, root + 1) for row, root in paper.redundant if row == paper.owners[n]]
     system, prior = system_of(rows, noises, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
@@ -123,10 +123,8 @@ def _recursions(
     model: Model, rows: Sequence[Row], owners: Counts, limit: Floats, *, tell: Progress
 ) -> tuple[Recursion, Recursion, dict[int, NoiseModel], list[int]]:
     """The paper's recursion, one whose weakly shown ratios cannot run off, the noise by joint, and weak joints."""
-    columns = model.columns
-    solved = np.where([column.shape is not None for column in columns], -1, owners)
+    solved = np.where([column.shape is not None for column in model.columns], -1, owners)
     paper, start = (Recursion(solved, model.robot.n_joints) for _ in range(2))
-    is_load = np.array([column.effect == "gravity" for column in columns])
     noises, weak = dict[int, NoiseModel](), []
     for row in rows:
         tell(row.joint, "solving")
@@ -144,7 +142,7 @@ def _recursions(
         # the load's own row cannot tell it (from friction, say) and gave it any size, perhaps next to none.
         gains = start.gains
         for root in [n for n in gains.edges if gains.parent[n] == number and abs(gains.edge[n]) > RATIO_SPREAD]:
-            load = np.isin(solved, gains.subtree(root)) & is_load
+            load = np.isin(solved, gains.subtree(root)) & model.is_weight
             if np.all(start.undetermined[load] | (start.values[load] == 0.0)):
                 start.values[load] *= gains.edge[root]
                 gains.edge[root] = USUAL_RATIO
@@ -271,9 +269,7 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
     """(p,) standard error at which each parameter, acting in full, is as uncertain as all that its joint drew."""
     drawn = {row.joint: float(np.sqrt(row.bins.mean_square)) for row in rows}
     speed = {row.joint: max(abs(run.speed) for run in row.bins.runs) for row in rows}
-    g = float(np.linalg.norm(model.robot.gravity))
-    full = {"gravity": dict.fromkeys(range(1, model.robot.n_joints + 1), g), "viscous": speed}
-    out = []
+    g, out = float(np.linalg.norm(model.robot.gravity)), []
     for index, column in enumerate(model.columns):
         if column.place is not None and column.shape is not None:
             term = model.effects[column.place]
@@ -283,7 +279,7 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
             peaks = [(row.bins, float(np.abs(row.design[:, index]).max())) for row in felt]
             out.append(plausible(peaks, column.span))
         else:
-            in_full = full.get(column.effect, {}).get(column.owner, 1.0) or 1.0
+            in_full = {"gravity": g, "viscous": speed.get(column.owner)}.get(column.effect) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)
     return np.array(out)
 

@@ -362,8 +362,9 @@ class FittedParameters:
     def _behind(self, edge: int) -> Counts:
         """Numbers of the gravity parameters behind edge number `edge`."""
         gains = self.fitted.gains
-        is_load = [column.effect == "gravity" for column in self.fitted.model.columns]
-        return np.flatnonzero(is_load & np.isin(self.fitted.system.owners, gains.subtree(gains.edges[edge])))
+        return np.flatnonzero(
+            self.fitted.model.is_weight & np.isin(self.fitted.system.owners, gains.subtree(gains.edges[edge]))
+        )
 
     def _is_loaded(self, edge: int) -> bool:
         """Whether a load behind edge number `edge` is surely not zero."""
@@ -440,7 +441,7 @@ class FittedParameters:
         with that acceleration and knows the outer joints' positions only.
         """
         fitted, joint, bins = self.fitted, row.joint, row.bins
-        model, has_weight = fitted.model, np.array([c.effect == "gravity" for c in fitted.model.columns])
+        model = fitted.model
         held = np.array([run.posture for run in bins.runs])
         strokes = np.flatnonzero([run.kind == STROKE for run in bins.runs])
 
@@ -450,9 +451,9 @@ class FittedParameters:
             position = np.tile(np.nan_to_num(posture), (2, 1))
             position[:, joint - 1] = angle
             base = model.base(Samples(joint, position, np.zeros_like(position), np.array([0.0, 1.0]), np.ones(2)))
-            parts = np.zeros((2, len(has_weight)))
+            parts = np.zeros((2, len(model.columns)))
             parts[:, : base.shape[1]] = base[0], base[1] - base[0]
-            parts[0] *= has_weight
+            parts[0] *= model.is_weight
             felt = Bilinear(np.full(2, joint - 1), parts, np.zeros(2), fitted.system.owners)
             return felt.jacobian(fitted.gains, fitted.values)
 

@@ -281,13 +281,12 @@ class EffectFit:
                 self.fit = refit(self.fit, self.now())
                 terms = {place: replace(term, sizes=self._sizes(place)) for place, term in terms.items()}
                 now = self.fit.square
+            self.terms = terms
             if now > cost * (1.0 + 1e-9) and any(last[n].shape != term.shape for n, term in terms.items()):
                 for n, term in terms.items():
                     half = {name: 0.5 * (last[n].shape[name] + value) for name, value in term.shape.items()}
                     terms[n] = term.at(half, term.sizes)
-                self.terms = terms
                 continue
-            self.terms = terms
             self.fit = refit(self.fit, self.now())
             columns, values = self.fit.model.columns, self.fit.values
             errors = np.sqrt(np.diag(self.fit.inverse))[: len(columns)]
