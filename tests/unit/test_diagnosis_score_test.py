@@ -530,7 +530,7 @@ def test_effects_and_their_shapes_are_fitted_with_all_else():
     """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves."""
     # To a thousandth: shapes have a prior in the fit.
     solved = noisy(lever(), FALLING, WARMUP)
-    row = solved.row(1)
+    row = solved.by_bin[1]
     columns = [Model(lever().robot).design(row.bins)]
     for one in solved.model.effects:
         here = one.linear(solved.model.robot, row.bins.samples)

@@ -11,7 +11,8 @@ from engines import held_by_mujoco
 from worlds import CRANE, PENDULUM, STANFORD
 
 from pumaid.effects import Extent, Loads, Samples, Trace, catalogue
-from pumaid.model import Model, loads, loads_along
+from pumaid.joint_bins import JointBins
+from pumaid.model import Model, loads, loads_at
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import table1
 
@@ -477,7 +478,7 @@ def test_unknown_ratio_hides_another_joints_load_and_its_gain():
 
 
 @pytest.mark.parametrize(("name", "joint"), JOINTS)
-def test_loads_along_runs_are_the_loads(name, joint):
+def test_loads_at_the_bins_of_runs_are_the_loads(name, joint):
     """While one joint moves alone in three runs, five positions of a run say what its load is at all others."""
     world, rng, sizes = World.of(name), np.random.default_rng(joint), np.array([40, 25, 60])
     position = np.repeat(rng.uniform(-2.0, 2.0, (3, world.robot.n_joints)), sizes, axis=0)
@@ -486,7 +487,9 @@ def test_loads_along_runs_are_the_loads(name, joint):
     samples = Samples(joint, position, velocity, np.zeros(125), np.sign(velocity[:, joint - 1]))
     (model, solution), scales = world.fitted(), world.scales
     scales[0, -1] = np.nan  # an unknown ratio
-    ours = loads_along(model, samples, sizes, solution=solution, scales=scales)
+    current, first = np.zeros(125), np.cumsum(sizes) - sizes
+    bins = JointBins(joint, (), samples, current, current + 1.0, current, first, np.ones(3))
+    ours = loads_at(model, bins, solution=solution, scales=scales)
     theirs = loads(model, samples, solution=solution, scales=scales)
     for part in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
         np.testing.assert_allclose(getattr(ours, part), getattr(theirs, part), atol=1e-11, err_msg=part)

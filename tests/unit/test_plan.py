@@ -416,7 +416,7 @@ def system(runs, noises=None):
 
 def trial(solved, name: str):
     """An effect at joint 3 at its best shape."""
-    effect, row, projector = catalogue()[name], solved.row(JOINT), Projector(solved)
+    effect, row, projector = catalogue()[name], solved.by_bin[JOINT], Projector(solved)
     grid = SHAPES.get(name) or effect.grid(PUMA, extent([row.bins], row.bins.joint, row.drawn))
     found = [one for one in scores_at(projector, [EffectTerm(effect, JOINT, dict(shape)) for shape in grid]) if one]
     return refine_shape(projector, max(found, key=lambda one: one.statistic))
@@ -465,7 +465,7 @@ def test_candidates_are_within_limits():
     _, solved = measured()
     check_within(solved, [joint.limits for joint in PUMA.joints], PUMA.joint(JOINT).max_velocity)
     bare = replace(PUMA, joints=tuple(replace(joint, limits=None, max_velocity=None) for joint in PUMA.joints))
-    been = solved.row(JOINT).bins.samples.position
+    been = solved.by_bin[JOINT].bins.samples.position
     reached = list(zip(been.min(axis=0), been.max(axis=0), strict=True))
     reached[JOINT - 1] = (-1.5, 1.5)
     check_within(replace(solved, model=Model(bare)), reached, max(SPEEDS))
@@ -476,7 +476,7 @@ def test_gain_is_what_least_squares_leaves():
     _, solved = measured()
     truth, rival = trial(solved, "stribeck"), trial(solved, "viscous_power")
     ahead = runs_ahead(solved, candidates(solved, JOINT)[0], np.array([0]), bins=40)
-    rows = [solved.row(JOINT), ahead[0]]
+    rows = [solved.by_bin[JOINT], ahead[0]]
     first, other = (
         [row.noise.whiten(row.bins, one.added.linear(solved.model.robot, row.bins.samples)) for row in rows]
         for one in (truth, rival)
