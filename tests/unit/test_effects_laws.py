@@ -487,8 +487,7 @@ def test_loads_at_the_bins_of_runs_are_the_loads(name, joint):
     samples = Samples(joint, position, velocity, np.zeros(125), np.sign(velocity[:, joint - 1]))
     (model, solution), scales = world.fitted(), world.scales
     scales[0, -1] = np.nan  # an unknown ratio
-    current, first = np.zeros(125), np.cumsum(sizes) - sizes
-    bins = JointBins(joint, (), samples, current, current + 1.0, current, first, np.ones(3))
+    bins = JointBins(joint, (), samples, *np.ones((3, 125)), np.cumsum(sizes) - sizes, np.ones(3))
     ours = loads_at(model, bins, solution=solution, scales=scales)
     theirs = loads(model, samples, solution=solution, scales=scales)
     for part in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
