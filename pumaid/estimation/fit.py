@@ -338,7 +338,7 @@ class Projector:
     def acting(self) -> dict[int, tuple[Counts, Floats]]:
         """Joint -> (p,) numbers of the parameters and ratios that act there, and (p, N) its derivatives by them."""
         numbers = {row.bins.joint: np.flatnonzero(row.jacobian.any(axis=0)) for row in self.solved.joints}
-        return {joint: (n, self.solved.row(joint).jacobian.T[n]) for joint, n in numbers.items()}
+        return {joint: (n, self.solved.by_bin[joint].jacobian.T[n]) for joint, n in numbers.items()}
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
         """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""

@@ -118,11 +118,11 @@ def test_prediction_is_the_truth_where_the_fit_is_exact():
     estimate = identify(dataset(truth, experiment(STANFORD)), STANFORD)
     model, rng = Model.of_estimate(STANFORD, estimate), np.random.default_rng(3)
     for joint in range(1, 7):
-        position = rng.uniform(-1.0, 1.0, (20, 6))
-        velocity = np.zeros((20, 6))
+        position, velocity = rng.uniform(-1.0, 1.0, (20, 6)), np.zeros((20, 6))
         velocity[:, joint - 1] = rng.choice([-0.4, 0.7], 20)
-        own = velocity[:, joint - 1]
-        samples = Samples(joint, position, velocity, acceleration=np.zeros(20), direction=np.sign(own))
+        samples = Samples(
+            joint, position, velocity, acceleration=np.zeros(20), direction=np.sign(velocity[:, joint - 1])
+        )
         wanted = truth.gravity_current(position)[:, joint - 1] + truth.friction.currents(velocity)[:, joint - 1]
         assert model.predict(estimate, samples) == pytest.approx(wanted, abs=1e-9)
 
