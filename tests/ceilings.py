@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25214,
-    "statements": 15370,
+    "lines": 25190,
+    "statements": 15343,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21943,
