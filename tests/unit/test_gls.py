@@ -120,9 +120,7 @@ def test_prediction_is_the_truth_where_the_fit_is_exact():
     for joint in range(1, 7):
         position, velocity = rng.uniform(-1.0, 1.0, (20, 6)), np.zeros((20, 6))
         velocity[:, joint - 1] = rng.choice([-0.4, 0.7], 20)
-        samples = Samples(
-            joint, position, velocity, acceleration=np.zeros(20), direction=np.sign(velocity[:, joint - 1])
-        )
+        samples = Samples(joint, position, velocity, np.zeros(20), np.sign(velocity[:, joint - 1]))
         wanted = truth.gravity_current(position)[:, joint - 1] + truth.friction.currents(velocity)[:, joint - 1]
         assert model.predict(estimate, samples) == pytest.approx(wanted, abs=1e-9)
 
