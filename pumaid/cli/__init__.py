@@ -111,7 +111,11 @@ def reported() -> Iterator[None]:
         head, mark, rest = visible(str(refusal)).partition("]: ")
         # click strips the colour where standard error is no terminal
         words = click.style(head + "]", fg="red", bold=True) + ": " + rest if mark else head
-        click.echo(_bug(error) if refusal is None else words, err=True)
+        bug = f"""{"".join(traceback.format_exception(error)).rstrip()}
+bug: pumaid failed with {type(error).__name__}, which is its fault and not yours
+  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}
+  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints"""
+        click.echo(bug if refusal is None else words, err=True)
         raise Exit(EXIT_BUG if refusal is None else EXIT_BAD_INPUT) from None
 
 
@@ -137,13 +141,6 @@ def _refusal(error: Exception) -> PumaidError | None:
     what = f"the effect fails on this robot: {frame.name}() raises {type(error).__name__}: {words}"
     mend = "mend the effect; docs/contributing.md says what it must keep on every robot and every run"
     return ModelError("effect-contract", what, Where(file=frame.filename, row=frame.lineno), mend)
-
-
-def _bug(error: Exception) -> str:
-    return f"""{"".join(traceback.format_exception(error)).rstrip()}
-bug: pumaid failed with {type(error).__name__}, which is its fault and not yours
-  at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}
-  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints"""
 
 
 for _info in pkgutil.iter_modules([str(Path(__file__).with_name("commands"))]):

@@ -88,11 +88,11 @@ heldout_option = click.option(
     type=LOGS,
     multiple=True,
     metavar="FILE|posture",
-    help="Logs, or each last posture, not to be fitted; repeatable.",
+    help="Kept from the fit: logs, or each joint's last posture; repeatable.",
 )
 #: How logs are read.
 READING = (
-    click.option("--trust", is_flag=True, help="Accept logs that look wrong."),
+    click.option("--trust", is_flag=True, help="Take odd logs: refusals become notes."),
     click.option(
         "--cell",
         type=click.FloatRange(0.0, min_open=True),

@@ -4,7 +4,7 @@ import keyword
 import re
 import textwrap
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pumaid.exports.equivalent_bodies import Bodies
@@ -95,8 +95,8 @@ def title(subject: Subject) -> str:
     return commented(f"{name}: motor currents of gravity and friction, by pumaid {subject.version}.")
 
 
-def head(subject: Subject, left_out: tuple[Lack, ...]) -> list[str]:
-    """Lines for the head of a file: the model, its joints, what is left out, what the data did not tell."""
+def head(subject: Subject, left_out: tuple[Lack, ...], remarks: Sequence[str] = ()) -> list[str]:
+    """Lines for the head of a file: the model, its joints, what is left out, what the data did not tell, remarks."""
     formulas = subject.formulas
     digest = formulas.estimate.recipe_digest[:12]
     lines = [title(subject), f"Recipe {commented(formulas.robot.origin)} (SHA-256 {digest})." if digest else "", ""]
@@ -108,6 +108,7 @@ def head(subject: Subject, left_out: tuple[Lack, ...]) -> list[str]:
     lines += ["Left out:" if left_out else "Nothing of the model is left out.", *_listed(left_out), ""]
     start = "Not determined by the data, and so of the size that disturbs least:"
     lines += [start if formulas.undetermined else "Every parameter was determined.", *_listed(formulas.undetermined)]
+    lines += ["", *map(commented, remarks)] if remarks else []
     return [part for line in lines for part in (textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""])]
 
 

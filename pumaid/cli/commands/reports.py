@@ -45,13 +45,13 @@ TABLES, FIGURES = ("text", "csv", "parquet", "latex", "markdown", "json"), ("png
     metavar="FORM",
     help=f"Only the parameter table: {', '.join(TABLES)}.",
 )
-@click.option("--figures", type=options.FILE, metavar="FOLDER", help="Figures; default results/figures.")
+@click.option("--figures", type=options.FILE, metavar="FOLDER", help="For figures; else results/figures.")
 @click.option(
     "--format",
     "forms",
     default="png,svg,pdf",
     callback=options.separated(click.Choice(FIGURES, case_sensitive=False)),
-    help="Of figures; or ''.",
+    help="Forms of figures; '' for none.",
 )
 @options.units_option
 @options.experiment_options()

@@ -1,13 +1,12 @@
 """Chains of bodies that have the model's weight, with symmetric friction: URDF, and MJCF with motors in ampere."""
 
-import textwrap
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from pumaid.exports.base import WIDTH, Form, Subject, commented, head
+from pumaid.exports.base import Form, Subject, head
 from pumaid.exports.formulas import Lack
 from pumaid.maths import Floats
 from pumaid.robot import roll_pitch_yaw
@@ -33,12 +32,10 @@ def add(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
     return out
 
 
-def written(root: ET.Element, subject: Subject, *, left_out: tuple[Lack, ...], remarks: Iterable[str]) -> str:
+def written(root: ET.Element, subject: Subject, *, left_out: tuple[Lack, ...], remarks: Sequence[str]) -> str:
     """A whole XML file, with a comment at its head that says what it is and what is not in it."""
-    lines = [*head(subject, left_out), ""]
-    lines += [part for line in remarks for part in textwrap.wrap(commented(line), WIDTH, subsequent_indent="    ")]
     ET.indent(root)
-    comment = "\n".join(f"  {line}".rstrip() for line in lines)
+    comment = "\n".join(f"  {line}".rstrip() for line in head(subject, left_out, remarks))
     return f'<?xml version="1.0" encoding="utf-8"?>\n<!--\n{comment}\n-->\n{ET.tostring(root, encoding="unicode")}\n'
 
 
