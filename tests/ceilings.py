@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25190,
-    "statements": 15343,
+    "lines": 25185,
+    "statements": 15340,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21943,
