@@ -349,9 +349,8 @@ def schedule(
         fits = [block for block in passes[0] if block.purpose == "fit"]
         fits.sort(key=lambda block: max(sweep.speed for sweep in block.sweeps))
         fastest = {block.joint: block for block in fits}
-        is_first = [block is fastest.get(block.joint) for block in passes[0]]
-        halves = [[b for b, first in zip(passes[0], is_first, strict=True) if first is half] for half in (True, False)]
-        parts = [*halves, *passes[1:]]
+        parts = [[b for b in passes[0] if (b is fastest.get(b.joint)) is first] for first in (True, False)]
+        parts += passes[1:]
     parts = [part for part in parts if part]
     out: list[Motion] = []
     now: Sequence[float] | None = None

@@ -149,9 +149,7 @@ class Planner:
             The least experiment that shows everything takes longer.
         """
         self.tell("choosing runs")
-        many = 2
-        if self.seconds is not None:
-            many = int(np.clip(round(self.seconds / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
+        many = int(np.clip(round((self.seconds or 0.0) / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         least = {"passes": self.passes or many} | ({"postures": self.postures} if self.postures else {})
         coverages = [replace(coverage, **least) for coverage in COVERAGES]
         coverages += [] if self.passes else [replace(coverages[-1], passes=1)]
