@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25185,
-    "statements": 15340,
+    "lines": 25182,
+    "statements": 15337,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21943,
