@@ -149,10 +149,13 @@ def terms_of(choices: Sequence[EffectChoice]) -> tuple[EffectTerm, ...]:
 
     Refuses one that the catalogue does not have (unknown-effect): a file has to be named again.
     """
-    places = [Where(joint=choice.joint, field=f"effects[{n}]") for n, choice in enumerate(choices, start=1)]
     return marked(
-        EffectTerm(known_effect(choice.effect, where), choice.joint, dict(choice.shape))
-        for choice, where in zip(choices, places, strict=True)
+        EffectTerm(
+            known_effect(choice.effect, Where(joint=choice.joint, field=f"effects[{n}]")),
+            choice.joint,
+            dict(choice.shape),
+        )
+        for n, choice in enumerate(choices, start=1)
     )
 
 

@@ -232,8 +232,7 @@ class Recursion:
         """
         matrix, owned, roots = self.design(row, rows)
         if spread is not None:
-            prior = np.eye(len(roots), matrix.shape[1], len(owned)) / spread
-            matrix = np.vstack([matrix, prior])
+            matrix = np.vstack([matrix, np.eye(len(roots), matrix.shape[1], len(owned)) / spread])
             target = np.concatenate([target, np.full(len(roots), USUAL_RATIO / spread)])
         if limit is not None:
             limit = np.concatenate([limit[owned], np.full(len(roots), LARGEST_RATIO)])

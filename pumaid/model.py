@@ -123,7 +123,14 @@ class Model:
         self.robot, self.is_dynamic = robot, is_dynamic
         self.structure: Structure = in_motion(robot) if is_dynamic else minimal(robot)
         body = body_columns(robot) if is_dynamic else []
-        self._base = (*(column for column in body if column.effect == INERTIA), *self._paper_columns())
+        chosen = sorted(
+            (effect for effect in catalogue().values() if effect.base),
+            key=lambda effect: (effect.scope is not Scope.LINK, effect.name),
+        )
+        terms = [EffectTerm(effect, number) for effect in chosen for number in range(1, robot.n_joints + 1)]
+        parts = [part for term in terms for part in term.parts(robot, None) if part.name not in self.structure.absent]
+        paper = [replace(part, span=math.inf) for part in parts]
+        self._base = (*(column for column in body if column.effect == INERTIA), *paper)
         names = [column.name for column in self._base]
         #: Columns of the rigid body's base parameters, in their order.
         self.inertial = np.array([names.index(column.name) for column in body], dtype=np.int64)
@@ -162,16 +169,6 @@ class Model:
             effects.append(replace(term, fitted=fitted, sizes=sizes))
         is_dynamic = any(name.startswith((f"{INERTIA}.l", "rotor.")) for name in estimate.names)
         return cls(robot, effects, is_dynamic=is_dynamic)
-
-    def _paper_columns(self) -> Iterable[Column]:
-        """Every parameter of the paper's model that exists for this arm, effect by effect."""
-        chosen = sorted(
-            (effect for effect in catalogue().values() if effect.base),
-            key=lambda effect: (effect.scope is not Scope.LINK, effect.name),
-        )
-        for effect, number in itertools.product(chosen, range(1, self.robot.n_joints + 1)):
-            parts = EffectTerm(effect, number).parts(self.robot, None)
-            yield from (replace(part, span=math.inf) for part in parts if part.name not in self.structure.absent)
 
     def regressor(self, samples: Samples) -> Floats:
         """(M, p) A in joint `samples.joint` per unit of every parameter, those of links in units of their own gain.
