@@ -111,14 +111,10 @@ def test_rows_of_numbers_stand_on_a_line():
 
 
 def test_paths_that_are_no_file(model):
-    """A path that leads nowhere has the command that makes a model, a folder the model that lies in it."""
-    for path, mend in (
-        (model.parent / "nothing.json", "pumaid identify"),
-        (model.parent, str(model)),
-        (model.parent.parent, str(model)),
-    ):
+    """A path that leads nowhere or to a folder is refused with the command that makes a model."""
+    for path in (model.parent / "nothing.json", model.parent):
         refused = refusal(path)
-        assert refused.slug == "file-not-readable" and path.name in refused.what and mend in refused.mend
+        assert refused.slug == "file-not-readable" and path.name in refused.what and "pumaid identify" in refused.mend
 
 
 @pytest.mark.parametrize(("entry", "value"), [("format", 2), ("format", "1"), ("format", True), ("kind", "comparison")])
