@@ -255,10 +255,14 @@ def test_a_report_section_is_one_file_and_its_template(added, context, tmp_path,
     assert "Dummy section" in text and f"This is {context.robot.name}." in text
 
 
-def test_an_export_is_one_file(added, context):
-    """It is a form like any other."""
+def test_an_export_is_one_file(added, context, tmp_path):
+    """It is a form like any other, on the command line, too."""
     added(pumaid.exports.formats, FORM)
     assert export(context.estimate, context.robot, form="dummy").files[".txt"].startswith("[[1.0")
+    model = tmp_path / "model.json"
+    pumaid.write_model(model, context.estimate)
+    told = run("export", str(model), "--format", "dummies", code=2).stderr
+    assert "'dummies' is not one of c, dummy, json" in " ".join(told.split())
 
 
 def test_the_page_names_each():

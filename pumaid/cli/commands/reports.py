@@ -170,13 +170,9 @@ def history(*, folder: Path, results: Path | None, restore: int | None, picture:
         show(tables.history_table(first), tables.history_joint_table(first), *map(tables.history_table, incomparable))
 
 
-#: Forms of export, named here so that help waits for nothing.
-FORMS = ("c", "json", "matlab", "mjcf", "python", "urdf")
-
-
 @click.command()
 @options.model_argument
-@click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write; see docs/export.md.")
+@click.option("--format", "form", metavar="FORM", required=True, help="c, python, matlab, json, urdf or mjcf.")
 @options.output_option("The file; else beside the model; - prints it.")
 @click.option("--torque-constants", "constants", metavar="K,K,...", help="N m/A or N/A: of all joints, or JOINT=K,...")
 @options.force_option
@@ -207,8 +203,10 @@ def export(
     from pumaid import exports
     from pumaid.exports.equivalent_bodies import read_constants
 
-    to_pipe = output is not None and str(output) == "-"
-    if constants is not None and not exports.every_form()[form].has_bodies:
+    to_pipe, forms = output is not None and str(output) == "-", exports.every_form()
+    if form not in forms:
+        raise click.BadParameter(f"{form!r} is not one of {', '.join(sorted(forms))}.", param_hint="--format")
+    if constants is not None and not forms[form].has_bodies:
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
     if to_pipe and (form == "c" or as_json):
         raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
