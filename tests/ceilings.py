@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25182,
-    "statements": 15337,
+    "lines": 25179,
+    "statements": 15334,
     "modules": 122,
     "import depth": 12,
-    "lines of tests and tools": 21943,
+    "lines of tests and tools": 21947,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
