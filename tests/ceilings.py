@@ -5,7 +5,7 @@ CEILINGS = {
     "statements": 15334,
     "modules": 122,
     "import depth": 12,
-    "lines of tests and tools": 21947,
+    "lines of tests and tools": 21943,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
