@@ -177,8 +177,11 @@ def validated(
     for path, what, mend in faults:
         is_slip = what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips
         if not is_slip and (path, what, mend) not in alike[1:]:
-            where = Where(file=document.file, line=document.line_of(path), field=dotted(path) or None)
-            errors.append(document.kind(slug, what, where, mend))
+            errors.append(
+                document.kind(
+                    slug, what, Where(file=document.file, line=document.line_of(path), field=dotted(path) or None), mend
+                )
+            )
     errors.sort(key=lambda error: error.where.line or 0)
     if len(errors) > MOST_FAULTS:
         last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS
@@ -189,8 +192,7 @@ def validated(
 
 def dotted(path: KeyPath) -> str:
     """``joints[3].alpha`` for ("joints", 2, "alpha"): people count from 1."""
-    text = "".join(f"[{step + 1}]" if isinstance(step, int) else f".{step}" for step in path)
-    return text.removeprefix(".")
+    return "".join(f"[{step + 1}]" if isinstance(step, int) else f".{step}" for step in path).removeprefix(".")
 
 
 def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
@@ -207,8 +209,11 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
         return path, f"there is no key {key[:60]}", meant(key, list(fields))
     example = next(iter((fields[key].examples if key in fields else None) or []), "")
     if kind == "missing":
-        what = f"the key {key} is missing" if steps == path else f"{dotted(steps)} has too few values"
-        return steps, what, f"add {key}: {example or '...'}"
+        return (
+            steps,
+            f"the key {key} is missing" if steps == path else f"{dotted(steps)} has too few values",
+            f"add {key}: {example or '...'}",
+        )
     shown = _SHOWN.repr(entry["input"])[:80]
     message = re.sub("^Input", "it", entry["msg"].partition(" or instance of")[0]).replace("dictionary", "mapping")
     wanted = re.sub("^it should be (?=greater|less)", "a number ", message).removeprefix("it should be ")

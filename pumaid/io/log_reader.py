@@ -151,8 +151,12 @@ class LogReader:
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
             what, mend = f"{name} changed while it was read", "read it again when the recording has ended"
             raise LogError("file-not-readable", what, Where(file=name), mend)
-        empty = Note("empty-log", "the log has a header but no row", Where(file=name))
-        self.notes = (*columns.notes, *cleaner.notes(), *source.notes, *([] if cleaner.n_rows else [empty]))
+        self.notes = (
+            *columns.notes,
+            *cleaner.notes(),
+            *source.notes,
+            *([] if cleaner.n_rows else [Note("empty-log", "the log has a header but no row", Where(file=name))]),
+        )
         self.files = (FileFacts(name, digest, cleaner.n_rows, cleaner.interval, cleaner.first_time, cleaner.last_time),)
 
 
@@ -196,8 +200,9 @@ class Cleaner:
         self._unwrap(rows, table, before)
         self.first_time = float(table[0, 0]) if before is None else self.first_time
         self.last_time = float(table[0, -1])
-        quantities = {quantity: self._by_place(quantity, table) for quantity in self.columns.places}
-        return Log(self.name, rows, table[0], **quantities)
+        return Log(
+            self.name, rows, table[0], **{quantity: self._by_place(quantity, table) for quantity in self.columns.places}
+        )
 
     def _mark(self, kind: str, rows: Counts, faulty: Mapping[str, Flags]) -> Flags:
         """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
@@ -245,8 +250,12 @@ class Cleaner:
         if (steps < 0.0).any():
             back = int(np.argmax(steps < 0.0))
             what = f"time goes back from {before[0, back]:.9g} s to {table[0, back]:.9g} s"
-            mend = f"sort the file by {name}, or split it there if two recordings were joined"
-            raise LogError("time-not-rising", what, Where(file=self.name, row=int(rows[back]), column=name), mend)
+            raise LogError(
+                "time-not-rising",
+                what,
+                Where(file=self.name, row=int(rows[back]), column=name),
+                f"sort the file by {name}, or split it there if two recordings were joined",
+            )
         measured = slice(len(table) - len(self.columns.places["extra"]))
         is_same = np.all((table[measured] == before[measured]) | np.isnan(table[measured]), axis=0)
         self._mark("repeated", rows, {name: (steps == 0.0) & is_same})
@@ -256,8 +265,7 @@ class Cleaner:
     def _count_steps(self, rows: Counts, time: Floats, before: Floats | None) -> None:
         """Take in the times between samples; those that may be gaps are held until the median stands."""
         steps = np.diff(time, prepend=time[0] if before is None else before[0])
-        room = _PROBE - len(self._steps)
-        self._steps = np.concatenate([self._steps, steps[before is None :][:room]])
+        self._steps = np.concatenate([self._steps, steps[before is None :][: _PROBE - len(self._steps)]])
         is_long = steps > _GAP_SECONDS
         if is_long.any():
             self._long = np.hstack([self._long, [rows[is_long], time[is_long] - steps[is_long], steps[is_long]]])
@@ -412,8 +420,9 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
             notes.append(Note("column-absent", text, Where(file=name)))
         if quantity == "velocity" and lacking:
             present = {}
-        indices = [(k, len(names) + count) for count, k in enumerate(present)]
-        places[quantity] = np.array(indices, dtype=np.int64).reshape(-1, 2)
+        places[quantity] = np.array(
+            [(k, len(names) + count) for count, k in enumerate(present)], dtype=np.int64
+        ).reshape(-1, 2)
         names += map(str, present.values())
         factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
     templates = [template for template in (robot.log.position, robot.log.current) if "{joint" in template]

@@ -103,8 +103,12 @@ def _matching(argument: str) -> list[LogPath]:
 def is_log(path: str) -> bool:
     """Whether a file is taken for a log because of where it lies in a folder that was named."""
     *folders, name = PurePath(path).parts
-    is_hidden = any(part.startswith(".") for part in (*folders, name))
-    return name.lower().endswith(endings()) and not is_hidden and name != PLAN_NAME and RESULTS_NAME not in folders
+    return (
+        name.lower().endswith(endings())
+        and not any(part.startswith(".") for part in (*folders, name))
+        and name != PLAN_NAME
+        and RESULTS_NAME not in folders
+    )
 
 
 def _order(path: str) -> list[list[tuple[int, int, str]]]:
@@ -137,8 +141,12 @@ def chosen_logs(pattern: str, names: Sequence[str]) -> list[str]:
         or fnmatch.fnmatch(Path(name).name, pattern)
     ]
     if not chosen:
-        mend = meant(Path(pattern).name, [Path(name).name for name in names])
-        raise LogError("heldout-nothing", f"no log that was read is {pattern}", Where(file=pattern), mend)
+        raise LogError(
+            "heldout-nothing",
+            f"no log that was read is {pattern}",
+            Where(file=pattern),
+            meant(Path(pattern).name, [Path(name).name for name in names]),
+        )
     return chosen
 
 

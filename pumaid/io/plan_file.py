@@ -14,7 +14,6 @@ from pumaid.io.forms import (
     AngleUnit,
     Fault,
     Finite,
-    KeyPath,
     StrictForm,
     file_name,
     parsed_yaml,
@@ -85,8 +84,7 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
     """What an arm cannot do of a plan."""
     units = _units(robot, form.units.get("angle", "rad"))
     runs, postures = [(("runs", index), entry) for index, entry in enumerate(form.runs)], enumerate(form.postures)
-    entries: list[tuple[KeyPath, HoldForm]] = [*runs, *((("postures", index), entry) for index, entry in postures)]
-    for path, entry in entries:
+    for path, entry in [*runs, *((("postures", index), entry) for index, entry in postures)]:
         if not 1 <= entry.joint <= robot.n_joints or len(entry.hold) != robot.n_joints:
             what = f"joint {entry.joint} and {len(entry.hold)} held positions; {robot.name} has {robot.n_joints} joints"
             yield (path, what, f"joints count from 1 to {robot.n_joints}; is the plan for another robot?")
@@ -128,8 +126,7 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     ModelError [file-not-readable]
         It cannot be read at all.
     """
-    content = read_bytes(Path(path), kind=ModelError, most=_MAX_BYTES)
-    document = parsed_yaml(content, file_name(path), kind=ModelError)
+    document = parsed_yaml(read_bytes(Path(path), kind=ModelError, most=_MAX_BYTES), file_name(path), kind=ModelError)
     for key in _NOT_READ:
         document.data.pop(key, None)
     form = validated(PlanForm, document, "plan-wrong", between=partial(_faults, robot=robot))
@@ -142,14 +139,15 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     for run in form.runs:
         start, end, velocity = (value * scales[run.joint - 1] for value in (run.start, run.end, run.velocity))
         motions.append(Motion(run.joint, held(run), start, end, velocity, run.purpose))
-    text = f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"
     return Plan(
         form.robot or robot.name,
         tuple(motions),
         tuple(Posture(entry.joint, held(entry), tuple(entry.serves), entry.why) for entry in form.postures),
         duration=form.duration,
         seed=form.seed,
-        notes=() if form.robot in ("", robot.name) else (Note("plan-other-robot", text),),
+        notes=()
+        if form.robot in ("", robot.name)
+        else (Note("plan-other-robot", f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"),),
     )
 
 
@@ -192,15 +190,13 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
     scales = [scale for _, scale in _units(robot, angle)]
 
     def head(entry: Motion | Posture) -> dict[str, Any]:
-        hold = [value / scale for value, scale in zip(entry.hold, scales, strict=True)]
-        return {"joint": entry.joint, "hold": hold}
+        return {"joint": entry.joint, "hold": [value / scale for value, scale in zip(entry.hold, scales, strict=True)]}
 
     runs = []
     for motion in plan.motions:
         ends = {"from": motion.start, "to": motion.end, "velocity": motion.velocity}
         ends = {key: value / scales[motion.joint - 1] for key, value in ends.items()}
         runs.append({**head(motion), **ends, "purpose": motion.purpose})
-    postures = [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures]
     return {
         "kind": "plan",
         "format": 1,
@@ -210,7 +206,7 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         "duration": plan.duration,
         "efficiency": plan.efficiency,
         "runs": runs,
-        "postures": postures,
+        "postures": [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures],
         "expected_std_errors": dict(plan.expected),
         "unseen": dict(plan.unseen),
         "assumptions": list(plan.assumptions),

@@ -123,8 +123,14 @@ def _in_si(value: float, info: ValidationInfo) -> float:
 
 def is_joint_name(name: str) -> bool:
     """Whether a joint can have this name: a printable word that EFFECT@JOINT does not read as something else."""
-    is_word = name.strip() != "" and name.isprintable() and len(name) <= 200
-    return is_word and name.lower() != "all" and not re.search("[@,]", name) and not re.fullmatch(r"[\d.+-]+", name)
+    return (
+        name.strip() != ""
+        and name.isprintable()
+        and len(name) <= 200
+        and name.lower() != "all"
+        and not re.search("[@,]", name)
+        and not re.fullmatch(r"[\d.+-]+", name)
+    )
 
 
 def _template(template: str, info: ValidationInfo) -> str:
@@ -138,8 +144,10 @@ def _template(template: str, info: ValidationInfo) -> str:
 
 def _signs(signs: tuple[float, ...], info: ValidationInfo) -> tuple[int, ...]:
     if len(signs) != len(_arm(info).names) or not set(signs) <= {1.0, -1.0}:
-        what = f"{len(signs)} values for {len(_arm(info).names)} joints, which must be signs"
-        raise refusal(what, "write 1 or -1 for each joint, base to tip")
+        raise refusal(
+            f"{len(signs)} values for {len(_arm(info).names)} joints, which must be signs",
+            "write 1 or -1 for each joint, base to tip",
+        )
     return tuple(map(round, signs))
 
 
@@ -150,8 +158,10 @@ def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     if joint == "all":
         return None
     if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= len(names):
-        mend = f"joints count from 1 to {len(names)}; {meant(joint, [*names, 'all'])}"
-        raise refusal(f"there is no joint {str(joint)[:60]}", mend)
+        raise refusal(
+            f"there is no joint {str(joint)[:60]}",
+            f"joints count from 1 to {len(names)}; {meant(joint, [*names, 'all'])}",
+        )
     return number
 
 
@@ -171,8 +181,9 @@ def coupled(key: str) -> tuple[int, int] | None:
 def _coupling(key: str, info: ValidationInfo) -> str:
     pair, n_joints = coupled(key), len(_arm(info).names)
     if pair is None or not n_joints >= pair[0] > pair[1]:
-        what = f"{key[:60]} does not name two of the {n_joints} joints, the driven one and one nearer to the base"
-        raise refusal(what, _GEARS)
+        raise refusal(
+            f"{key[:60]} does not name two of the {n_joints} joints, the driven one and one nearer to the base", _GEARS
+        )
     return key
 
 
@@ -183,8 +194,10 @@ def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
         slides = key.startswith("prismatic_") or _arm(info).kinds == {"prismatic"}
         fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
         if word not in fitting:
-            mend = f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity"
-            raise refusal(f"{word[:40]!r} is no unit of {key} here", mend)
+            raise refusal(
+                f"{word[:40]!r} is no unit of {key} here",
+                f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity",
+            )
     return words
 
 
@@ -343,8 +356,7 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     for number in sorted({number for pair in pairs if pair for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
             what = f"joint {number} takes part in coupling, and has no gear ratio"
-            path = ("joints", number - 1, "gear_ratio")
-            yield (path, what, "add gear_ratio: motor turns per joint turn")
+            yield (("joints", number - 1, "gear_ratio"), what, "add gear_ratio: motor turns per joint turn")
     log, taken = form.log, {form.log.time}
     for key in ("position", "velocity", "current", "temperature"):
         template = getattr(log, key) or ""
@@ -372,11 +384,21 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
     """The robot of a recipe with this content; `name` is that of the file, for messages."""
     document = parsed_yaml(content, name)
     if isinstance(document.data.get("kind"), str):
-        what = f"this is a {document.data['kind']} file, not a recipe"
-        raise RecipeError("recipe-wrong", what, Where(file=name), "give the robot's recipe")
+        raise RecipeError(
+            "recipe-wrong",
+            f"this is a {document.data['kind']} file, not a recipe",
+            Where(file=name),
+            "give the robot's recipe",
+        )
     arm = ArmForm.of(document.data)
-    between = partial(faults_between, names=arm.names)
-    form = validated(RecipeForm, document, "recipe-wrong", context=arm, between=between, once=_ANGLES)
+    form = validated(
+        RecipeForm,
+        document,
+        "recipe-wrong",
+        context=arm,
+        between=partial(faults_between, names=arm.names),
+        once=_ANGLES,
+    )
     joints, turns = _joints(form.joints, arm.names)
     return Robot(
         form.name,
@@ -483,8 +505,12 @@ def _given(given: Path) -> Path:
         return place
     if str(given) in shipped:
         return shipped[str(given)]
-    mend = f"{meant(given.stem, list(shipped))} (pumaid init --list)"
-    raise RecipeError("recipe-not-found", f"no recipe is at {given}", Where(file=str(given)), mend)
+    raise RecipeError(
+        "recipe-not-found",
+        f"no recipe is at {given}",
+        Where(file=str(given)),
+        f"{meant(given.stem, list(shipped))} (pumaid init --list)",
+    )
 
 
 def _folder_of(log: Path) -> Path:
@@ -504,18 +530,21 @@ def shipped_recipes() -> dict[str, Path]:
 def started_from(name: str) -> str:
     """The text of the shipped recipe `name` with remarks on what to change; KeyError where there is none."""
     text = shipped_recipes()[name].read_text(encoding="utf-8")
-    joints = [""] * text.count("{name:")
-    return recipe_text(f"pumaid init {name}", body=text.rstrip(), joints=joints, has_log="log:" in text)
+    return recipe_text(
+        f"pumaid init {name}", body=text.rstrip(), joints=[""] * text.count("{name:"), has_log="log:" in text
+    )
 
 
 def blank(n_joints: int) -> str:
     """The text of a recipe for an arm of `n_joints` revolute joints with made-up twists, to be filled in."""
-    joints = [
-        f"{{name: joint{n}, type: revolute, theta: 0, alpha: {0 if n == 1 else -90 * (-1) ** n}, a: 0.0, d: 0.0,"
-        " limits: [-180, 180], max_velocity: 90}"
-        for n in range(1, n_joints + 1)
-    ]
-    return recipe_text(f"pumaid init blank --joints {n_joints}", joints=joints)
+    return recipe_text(
+        f"pumaid init blank --joints {n_joints}",
+        joints=[
+            f"{{name: joint{n}, type: revolute, theta: 0, alpha: {0 if n == 1 else -90 * (-1) ** n}, a: 0.0, d: 0.0,"
+            " limits: [-180, 180], max_velocity: 90}"
+            for n in range(1, n_joints + 1)
+        ],
+    )
 
 
 def recipe_text(origin: str, *, joints: Sequence[str], **parts: Any) -> str:
@@ -525,9 +554,9 @@ def recipe_text(origin: str, *, joints: Sequence[str], **parts: Any) -> str:
     """
     import jinja2
 
-    loader = jinja2.PackageLoader("pumaid.io")
     environment = jinja2.Environment(
-        loader=loader, autoescape=False, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("pumaid.io"), autoescape=False, trim_blocks=True, lstrip_blocks=True
     )  # plain text
-    ones = ", ".join(["1"] * len(joints))
-    return environment.get_template("recipe.yaml.txt").render(origin=origin, joints=joints, ones=ones, **parts)
+    return environment.get_template("recipe.yaml.txt").render(
+        origin=origin, joints=joints, ones=", ".join(["1"] * len(joints)), **parts
+    )

@@ -48,8 +48,10 @@ class UrdfJoint:
         """(4, 4) the joint's frame at zero in that of the link before, m; [urdf-refused] in another unit."""
         xyz, rpy = self.numbers("origin", "xyz", "0 0 0"), self.numbers("origin", "rpy", "0 0 0")
         if math.hypot(*xyz) > FARTHEST or max(map(abs, rpy)) > WIDEST_ANGLE:
-            what = f"an origin {math.hypot(*xyz):g} m away, turned by up to {max(map(abs, rpy)):g} rad"
-            raise self.refusal(what, "lengths of a URDF are in m, angles in rad")
+            raise self.refusal(
+                f"an origin {math.hypot(*xyz):g} m away, turned by up to {max(map(abs, rpy)):g} rad",
+                "lengths of a URDF are in m, angles in rad",
+            )
         return placement(xyz, rpy)
 
     def numbers(self, tag: str, word: str, default: str, *, count: int = 3) -> list[float]:
@@ -61,8 +63,10 @@ class UrdfJoint:
             values = []
         is_good = all(map(math.isfinite, values)) or (tag == "limit" and not math.isnan(values[0]))
         if len(values) != count or not is_good:
-            what = f'{word}="{text[:60]}" of <{tag}> is not {count} finite number{"s" * (count > 1)}'
-            raise self.refusal(what, f"write them with a point, in m and rad{_XACRO}")
+            raise self.refusal(
+                f'{word}="{text[:60]}" of <{tag}> is not {count} finite number{"s" * (count > 1)}',
+                f"write them with a point, in m and rad{_XACRO}",
+            )
         return values
 
     def refusal(self, what: str, mend: str) -> RecipeError:
@@ -90,8 +94,12 @@ class UrdfFile:
         for tag in names:
             repeated = [name for name, count in Counter(names[tag]).items() if count > 1 or not name]
             if repeated or not names["link"]:
-                what = f"a {tag} has no name, or that of another one: {listed(repeated, 1)}"
-                raise RecipeError("urdf-refused", what[:200], Where(self.file), f"give each {tag} its own name")
+                raise RecipeError(
+                    "urdf-refused",
+                    f"a {tag} has no name, or that of another one: {listed(repeated, 1)}"[:200],
+                    Where(self.file),
+                    f"give each {tag} its own name",
+                )
         joints = [self._joint(element) for element in robot.findall("joint")]
         self.carrier = {joint.child: joint for joint in joints}
         self.carried: dict[str, list[UrdfJoint]] = {link: [] for link in names["link"]}
@@ -146,8 +154,10 @@ class UrdfFile:
             path.insert(0, self.carrier[link])
             link = path[0].parent
         if link != base is not None:
-            mend = f"--base must lie on the way to it: {' > '.join(joint.parent for joint in path)}"
-            raise self.unclear(f"no joints lead outward from {base} to {tip}", mend)
+            raise self.unclear(
+                f"no joints lead outward from {base} to {tip}",
+                f"--base must lie on the way to it: {' > '.join(joint.parent for joint in path)}",
+            )
         return path
 
     def unclear(self, what: str, mend: str) -> RecipeError:
@@ -210,8 +220,7 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
     ):
         names = f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({listed([joint.name for joint in joints])})"
         notes += [Note("urdf-left-out", about.format(names))] if joints else []
-    robot = parsed_recipe(text.encode(), file_name(path))
-    return UrdfRecipe(text, robot, urdf, base, tip, arm, left_out, notes)
+    return UrdfRecipe(text, parsed_recipe(text.encode(), file_name(path)), urdf, base, tip, arm, left_out, notes)
 
 
 def _parsed(content: bytes, file: str) -> ElementTree.Element:
@@ -246,8 +255,9 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
     if tip is not None:
         return base or next((joint.parent for joint in urdf.path(None, tip)), tip), tip
     if base is None and len(roots) > 1:
-        what = f"{len(roots)} links hang on no joint: {listed(roots)}"
-        raise urdf.unclear(what, "say where the arm starts, with --base LINK")
+        raise urdf.unclear(
+            f"{len(roots)} links hang on no joint: {listed(roots)}", "say where the arm starts, with --base LINK"
+        )
     base = tip = base or roots[0]
     count = 0
     while len(branches := urdf.branches(tip)) == 1 and not (count and branches[0].follows):
@@ -265,14 +275,16 @@ def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> No
     for joint in path:
         if joint.kind in ("floating", "planar") or joint.follows:
             kind = f"follows joint {joint.follows} (mimic)" if joint.follows else f"is {joint.kind}"
-            mend = (
-                f"end before it: --tip {shlex.quote(joint.parent)}, or start behind: --base {shlex.quote(joint.child)}"
+            raise urdf.unclear(
+                f"joint {joint.name} {kind}; a recipe's joints turn or slide by themselves",
+                f"end before it: --tip {shlex.quote(joint.parent)}, or start behind: --base {shlex.quote(joint.child)}",
             )
-            raise urdf.unclear(f"joint {joint.name} {kind}; a recipe's joints turn or slide by themselves", mend)
     count = sum(joint.moves for joint in path)
     if not 0 < count <= MAX_JOINTS:
-        what = f"{count or 'no'} joints move between {base} and the tip; a recipe holds 1 to {MAX_JOINTS}"
-        raise urdf.unclear(what, "name links that moving joints connect, with --base and --tip")
+        raise urdf.unclear(
+            f"{count or 'no'} joints move between {base} and the tip; a recipe holds 1 to {MAX_JOINTS}",
+            "name links that moving joints connect, with --base and --tip",
+        )
 
 
 def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:

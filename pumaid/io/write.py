@@ -74,8 +74,12 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.chmod(target.stat().st_mode & 0o7777)
         temporary.replace(target)
     except OSError as error:
-        what = f"cannot write {path.name[:80]}: {error.strerror or error}"
-        raise ResultError("cannot-write", what, Where(file=str(path)[:300]), _ELSEWHERE) from error
+        raise ResultError(
+            "cannot-write",
+            f"cannot write {path.name[:80]}: {error.strerror or error}",
+            Where(file=str(path)[:300]),
+            _ELSEWHERE,
+        ) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -136,8 +140,9 @@ def _write_parquet(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
 
     first = next(tables)
     # The dictionary would cost time and space: floats hardly ever repeat.
-    options = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
-    with pq.ParquetWriter(sink, first.schema, **options) as writer:
+    with pq.ParquetWriter(
+        sink, first.schema, compression="zstd", use_dictionary=False, write_page_checksum=True
+    ) as writer:
         for table in chain([first], tables):
             writer.write_table(table)
 
@@ -157,8 +162,9 @@ def _write_csv(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
         is_fine = np.abs(values) < 2.0**53 / 10.0**DECIMALS
         values[is_fine] = np.round(values[is_fine], DECIMALS)
         # Not-a-number becomes an empty cell.
-        arrays = [pa.array(column, from_pandas=True) for column in values]
-        arrow_csv.write_csv(pa.table(arrays, names=table.column_names), sink, options)
+        arrow_csv.write_csv(
+            pa.table([pa.array(column, from_pandas=True) for column in values], names=table.column_names), sink, options
+        )
 
 
 def write_session(
@@ -215,8 +221,12 @@ def read_truth(path: Path) -> dict[str, Any]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError) as error:
-        what = f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it holds no JSON object'}"
-        raise ModelError("file-not-readable", what, Where(str(path)), "give a truth.json") from error
+        raise ModelError(
+            "file-not-readable",
+            f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it holds no JSON object'}",
+            Where(str(path)),
+            "give a truth.json",
+        ) from error
 
 
 def _replaced(folder: Path, force: bool) -> list[Path]:
@@ -234,6 +244,10 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
     ours = {path for path in folder.glob("session_*") if _SIMULATED.fullmatch(path.name)} | {truth}
     if there and not (force and is_simulated and ours.issuperset(there)):
         what = f"{folder} holds logs already ({len(there)} files, such as {there[0].name})"
-        mend = "write to another folder with -o; --force replaces only what an earlier simulation wrote"
-        raise ResultError("file-exists", what, Where(file=str(there[0])), mend)
+        raise ResultError(
+            "file-exists",
+            what,
+            Where(file=str(there[0])),
+            "write to another folder with -o; --force replaces only what an earlier simulation wrote",
+        )
     return sorted(there, key=truth.__eq__)

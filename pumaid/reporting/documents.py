@@ -45,12 +45,13 @@ def _entries(record: object, names: str) -> dict[str, Any]:
 
 def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
     """Runs, stretches left out and sums for JSON."""
-    rejected = by_reason(dataset.rejects)
     return {
         "samples": samples_read(dataset),
         "kept": sum(run.samples for run in dataset.runs),
         "runs": [_run_entry(index, run, robot) for index, run in enumerate(dataset.runs, 1)],
-        "left_out": {reason: sum(reject.samples for reject in rejects) for reason, rejects in rejected.items()},
+        "left_out": {
+            reason: sum(reject.samples for reject in rejects) for reason, rejects in by_reason(dataset.rejects).items()
+        },
         "rejects": [
             _entries(reject, "reason text start duration samples joints") | _place(reject) for reject in dataset.rejects
         ],
@@ -64,13 +65,17 @@ def runs_frame(runs: Iterable[Run], robot: Robot) -> pd.DataFrame:
 
     entries = [plain(_run_entry(index, run, robot)) for index, run in enumerate(runs, 1)]
     rows = [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries]
-    header = [*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)]
-    return pd.DataFrame(rows, columns=header)
+    return pd.DataFrame(
+        rows, columns=[*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)]
+    )
 
 
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
-    names = "clock joint kind start duration span speed ripple samples temperature heldout posture"
-    return {"run": index, "name": robot.joint(run.joint).name} | _place(run) | _entries(run, names)
+    return (
+        {"run": index, "name": robot.joint(run.joint).name}
+        | _place(run)
+        | _entries(run, "clock joint kind start duration span speed ripple samples temperature heldout posture")
+    )
 
 
 def _place(record: Run | Reject) -> dict[str, Any]:
@@ -81,8 +86,10 @@ def scores_frame(comparison: Comparison, robot: Robot) -> pd.DataFrame:
     """The same with how the model does on each run."""
     frame = runs_frame([score.run for score in comparison.runs], robot)
     names = {"rmse": "rmse_A", "bias": "bias_A", "largest": "largest_A", "explained": "explained"}
-    columns = {head: [getattr(score, name) for score in comparison.runs] for name, head in names.items()}
-    return frame.assign(**columns, undetermined=[score.undetermined for score in comparison.runs])
+    return frame.assign(
+        **{head: [getattr(score, name) for score in comparison.runs] for name, head in names.items()},
+        undetermined=[score.undetermined for score in comparison.runs],
+    )
 
 
 # Parameters
@@ -104,8 +111,9 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
         scaled = {key: None if amount is None else scale * amount for key, amount in amounts.items()}
         head = _entries(value, "name symbol joint") | {"unit": unit}
         rows.append(head | scaled | _entries(value, "dof state reason next_run"))
-    numbers = ["value", "std_error", "ci_low", "ci_high", "dof"]
-    return pd.DataFrame(rows).astype({**dict.fromkeys(numbers, "float64"), "joint": "Int64"})
+    return pd.DataFrame(rows).astype(
+        {**dict.fromkeys(["value", "std_error", "ci_low", "ci_high", "dof"], "float64"), "joint": "Int64"}
+    )
 
 
 def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
@@ -134,10 +142,9 @@ def frame_as(frame: pd.DataFrame, form: str) -> bytes:
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """The entries of a comparison's JSON document after its heading."""
-    joints = []
-    for score in comparison.joints:
-        names = "joint samples rmse bias explained noise_floor noise_floor_reason shares"
-        entry = _entries(score, names) | {
+    joints = [
+        _entries(score, "joint samples rmse bias explained noise_floor noise_floor_reason shares")
+        | {
             "current_rms": score.rms,
             "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
             "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
@@ -151,9 +158,14 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
                 for run in [item.run]
             ],
         }
-        joints.append(entry)
-    heldout = None if comparison.heldout is None else {"rmse": comparison.heldout}
-    return {"joints": joints, "rmse": comparison.rmse, "heldout": heldout, "notes": comparison.notes}
+        for score in comparison.joints
+    ]
+    return {
+        "joints": joints,
+        "rmse": comparison.rmse,
+        "heldout": None if comparison.heldout is None else {"rmse": comparison.heldout},
+        "notes": comparison.notes,
+    }
 
 
 def budget_document(budget: Budget) -> dict[str, Any]:
@@ -169,8 +181,10 @@ def budget_document(budget: Budget) -> dict[str, Any]:
         }
         for part in budget.parts
     ]
-    limits = {slug: BUDGET_LIMITS[slug] for slug in budget.limits}
-    return _entries(budget, "mean_square noise floor runs replicates") | {"parts": parts, "limits": limits}
+    return _entries(budget, "mean_square noise floor runs replicates") | {
+        "parts": parts,
+        "limits": {slug: BUDGET_LIMITS[slug] for slug in budget.limits},
+    }
 
 
 # History
@@ -179,20 +193,21 @@ def budget_document(budget: Budget) -> dict[str, Any]:
 def history_document(history: History) -> dict[str, Any]:
     """The entries of a history's JSON document after its heading."""
     errors = "joint runs samples rmse heldout heldout_runs noise_floor"
-    ladders = [
-        _entries(ladder, "robot recipe logs")
-        | {
-            "apart": ladder.apart or None,
-            "path": [rung.number for rung in ladder.path],
-            "models": [
-                {"model": rung.number, "sha256": rung.digest, "from": rung.parent, "current": rung.is_current}
-                | {"file": rung.path.name, "effects": rung.estimate.effects}
-                | _entries(rung, "added removed")
-                | rung.whole
-                | {"joints": [_entries(fit, errors) for fit in rung.estimate.joints]}
-                for rung in ladder.rungs
-            ],
-        }
-        for ladder in history.ladders
-    ]
-    return _entries(history, "folder current notes") | {"ladders": ladders}
+    return _entries(history, "folder current notes") | {
+        "ladders": [
+            _entries(ladder, "robot recipe logs")
+            | {
+                "apart": ladder.apart or None,
+                "path": [rung.number for rung in ladder.path],
+                "models": [
+                    {"model": rung.number, "sha256": rung.digest, "from": rung.parent, "current": rung.is_current}
+                    | {"file": rung.path.name, "effects": rung.estimate.effects}
+                    | _entries(rung, "added removed")
+                    | rung.whole
+                    | {"joints": [_entries(fit, errors) for fit in rung.estimate.joints]}
+                    for rung in ladder.rungs
+                ],
+            }
+            for ladder in history.ladders
+        ]
+    }

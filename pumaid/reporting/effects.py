@@ -104,8 +104,9 @@ def effects_table(effects: Iterable[dict[str, Any]]) -> Table:
         name = f"{effect['effect']} (in all models)" if effect["base"] else effect["effect"]
         rows.append([name, effect["title"], effect["equation"], effect["family"], ", ".join(effect["look_alikes"])])
     caption = "s sign of motion, q position, v speed, t time, load: of gravity, drawn: the predicted current (A)"
-    header = ("effect", "meaning", "current", "family", "look-alikes")
-    return Table("", header, rows, caption=caption, words=(0, 1, 2, 3, 4))
+    return Table(
+        "", ("effect", "meaning", "current", "family", "look-alikes"), rows, caption=caption, words=(0, 1, 2, 3, 4)
+    )
 
 
 def effect_parts(effect: Effect) -> list[str | Table]:
@@ -117,8 +118,11 @@ def effect_parts(effect: Effect) -> list[str | Table]:
         for item in merged(entry[f"{kind}s"]):
             limits, example = bounds(item["low"], item["high"]), f"{item['example']:g}"
             rows.append([item["owner"], item["name"], item["unit"], limits, example, item["meaning"]])
-        header = ("joint", kind, "unit", "bounds", "example", "meaning")
-        parts += [Table(title, header, rows, words=(0, 1, 2, 3, 5))] if rows else []
+        parts += (
+            [Table(title, ("joint", kind, "unit", "bounds", "example", "meaning"), rows, words=(0, 1, 2, 3, 5))]
+            if rows
+            else []
+        )
     lines = [f"not at a {kind} joint: {reason}\n" for kind, reason in entry["not_at"].items()]
     lines += [f"signature ({entry['signature']['at']}):", sketch(entry["signature"]), ""]
     lines += [f"look-alikes: {', '.join(entry['look_alikes'])}"] if entry["look_alikes"] else []
@@ -206,9 +210,14 @@ def _against(effect: Effect, variable: str) -> dict[str, Any]:
         for way in (1.0, -1.0)
     ]
     items: list[Parameter | Shape] = [*parameters, *shapes]
-    texts = [f"{x.name} = {x.example:.3g} {x.unit}".removesuffix(" 1") for x in items]
-    curve = {"variable": variable, "unit": unit, "values": values, "forward": currents[0], "backward": currents[1]}
-    return curve | {"at": ", ".join(texts)}
+    return {
+        "variable": variable,
+        "unit": unit,
+        "values": values,
+        "forward": currents[0],
+        "backward": currents[1],
+        "at": ", ".join(f"{item.name} = {item.example:.3g} {item.unit}".removesuffix(" 1") for item in items),
+    }
 
 
 def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Samples:

@@ -55,8 +55,12 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
             joint = robot.joint(run.joint)
             scale = in_unit(joint.position_unit, units)[0]
             low, high, speed = (number(value * scale, 4) for value in (*run.span, run.speed))
-            posture = posture_text(robot, run.posture.tolist(), units)
-            motion = [f"{run.joint} {joint.name}", posture, f"{low} to {high}", speed]
+            motion = [
+                f"{run.joint} {joint.name}",
+                posture_text(robot, run.posture.tolist(), units),
+                f"{low} to {high}",
+                speed,
+            ]
         place = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run)]
         rows.append([*place, *motion, str(max(part.samples for part in joints)), run.kind])
     head = ("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)")
@@ -65,8 +69,14 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     cells = [float(np.median(np.diff(run.bins.time))) for run in dataset.runs if run.kind == BLOCK]
     if cells:
         caption += f" Cells of blocks last {number(1e3 * min(cells), 3)} to {number(1e3 * max(cells), 3)} ms."
-    title = f"{robot.name}: {counted_runs(dataset.runs)}"
-    return Table(title, (*head, "samples", "kind"), rows, notes, caption, words=(1, 3, 4, 8))
+    return Table(
+        f"{robot.name}: {counted_runs(dataset.runs)}",
+        (*head, "samples", "kind"),
+        rows,
+        notes,
+        caption,
+        words=(1, 3, 4, 8),
+    )
 
 
 def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
@@ -83,9 +93,22 @@ def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -
         ranges = [" to ".join(side[:: max(1, len(side) - 1)]) or "-" for side in sides]
         head = [f"{joint.number} {joint.name}", *kinds, *ranges, unit, str(len(postures) or "-")]
         rows.append([*head, number(sum(run.duration for run in runs), 4) if runs else "-"])
-    counts = ("constant", "strokes", "blocks")
-    header = ("joint", *counts, "forward speeds", "backward speeds", "unit", "postures", "time (s)")
-    return Table("Runs by joint", header, rows, words=(0, 4, 5, 6))
+    return Table(
+        "Runs by joint",
+        (
+            "joint",
+            "constant",
+            "strokes",
+            "blocks",
+            "forward speeds",
+            "backward speeds",
+            "unit",
+            "postures",
+            "time (s)",
+        ),
+        rows,
+        words=(0, 4, 5, 6),
+    )
 
 
 def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:
@@ -102,8 +125,7 @@ def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:
         rows.append([longest.reason, *counts, example])
     unused = sum(reject.samples for reject in dataset.rejects)
     title = f"Not used: {unused:,} of {read:,} samples ({100 * unused / max(1, read):.1f} %)"
-    header = ("reason", "stretches", "samples", "share", "time (s)", "longest stretch")
-    return Table(title, header, rows, words=(0, 5))
+    return Table(title, ("reason", "stretches", "samples", "share", "time (s)", "longest stretch"), rows, words=(0, 5))
 
 
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
@@ -147,8 +169,13 @@ def axes_table(robot: Robot, units: str = "deg") -> Table:
     if is_placed:
         columns = ("x (m)", "y (m)", "z (m)", *(f"{name} ({units})" for name in ("roll", "pitch", "yaw")))
         caption = "Frame of each joint in that of the joint before, at zero; it moves about or along its z."
-    header = ("joint", "name", "type", *columns, "limits", "max. speed")
-    return Table(f"{robot.name}: geometry", header, rows, caption=caption, words=(0, 1, 2))
+    return Table(
+        f"{robot.name}: geometry",
+        ("joint", "name", "type", *columns, "limits", "max. speed"),
+        rows,
+        caption=caption,
+        words=(0, 1, 2),
+    )
 
 
 # Plans
@@ -181,8 +208,9 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
         names = [pattern.format(n=joint.number, m=joint.number + 1) for joint in robot.joints]
         scale = gravity if pattern.startswith("gravity") else 1.0
         if any(name in plan.expected for name in names):
-            cells = [number(plan.expected[name] * scale, 2) if name in plan.expected else "-" for name in names]
-            rows.append([label, *cells])
+            rows.append(
+                [label, *(number(plan.expected[name] * scale, 2) if name in plan.expected else "-" for name in names)]
+            )
     header = ["joint", *(str(joint.number) for joint in robot.joints)]
     tables += [Table("Predicted standard errors", header, rows)] if plan.expected else []
     return [*tables[:-1], replace(tables[-1], notes=[("-", line) for line in lines])]
@@ -198,16 +226,29 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         speeds = sorted({f"{motion.velocity * scale:.4g}" for motion in fitted}, key=float)
         postures = {posture_key(motion.joint, motion.hold) for motion in fitted}
         span = f"{min(ends) + 0.0:.4g} to {max(ends) + 0.0:.4g} {unit}"
-        counts = [str(len(fitted)), str(len(motions) - len(fitted))]
         rows.append(
-            [f"{joint.number} {joint.name}", str(len(postures)), span, f"{', '.join(speeds)} {unit}/s", *counts]
+            [
+                f"{joint.number} {joint.name}",
+                str(len(postures)),
+                span,
+                f"{', '.join(speeds)} {unit}/s",
+                str(len(fitted)),
+                str(len(motions) - len(fitted)),
+            ]
         )
     heldout = sum(motion.purpose == "heldout" for motion in plan.motions)
-    title = f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {number(plan.duration / 60.0, 3)} min"
-    return Table(title, ("joint", "postures", "range", "speeds", "fit", "hold-out"), rows, words=(0, 2, 3))
+    return Table(
+        f"{plan.robot}: {len(plan.motions)} runs, {heldout} of them held out, {number(plan.duration / 60.0, 3)} min",
+        ("joint", "postures", "range", "speeds", "fit", "hold-out"),
+        rows,
+        words=(0, 2, 3),
+    )
 
 
 def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:
     """Simulated files: name, samples, first and last time (s) of each."""
-    rows = [[name, f"{samples:,}", f"{first:.1f}", f"{last:.1f}"] for name, samples, first, last in files]
-    return Table("", ("file", "samples", "from (s)", "to (s)"), rows)
+    return Table(
+        "",
+        ("file", "samples", "from (s)", "to (s)"),
+        [[name, f"{samples:,}", f"{first:.1f}", f"{last:.1f}"] for name, samples, first, last in files],
+    )

@@ -9,7 +9,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
@@ -82,8 +82,12 @@ class Table:
     def columns(self, chosen: Sequence[int]) -> Table:
         """The same table with only the columns `chosen` (from 0)."""
         rows = [[row[column] for column in chosen] for row in self.rows]
-        words = [place for place, column in enumerate(chosen) if column in self.words]
-        return replace(self, header=[self.header[column] for column in chosen], rows=rows, words=words)
+        return replace(
+            self,
+            header=[self.header[column] for column in chosen],
+            rows=rows,
+            words=[place for place, column in enumerate(chosen) if column in self.words],
+        )
 
     def text(self, width: int = WIDTH) -> str:
         """The table as plain text at most `width` characters wide."""
@@ -106,8 +110,7 @@ class Table:
         """The rows on lines as wide as the console."""
 
         def is_wider(table: RichTable) -> bool:
-            unlimited = options.update(max_width=10**6)
-            return Measurement.get(console, unlimited, table).maximum > options.max_width
+            return Measurement.get(console, options.update(max_width=10**6), table).maximum > options.max_width
 
         if not is_wider(self._drawn(stacked=False)):
             yield self._drawn(stacked=False)
@@ -130,8 +133,13 @@ class Table:
         for column, head in enumerate(self.header):
             is_left = column in self.words
             justify: Literal["left", "right"] = "left" if is_left else "right"
-            look: Any = {"no_wrap": not (is_left and stacked), "max_width": widest if is_left else None}
-            drawn.add_column(Text(head), justify=justify, overflow="fold", **look)
+            drawn.add_column(
+                Text(head),
+                justify=justify,
+                overflow="fold",
+                no_wrap=not (is_left and stacked),
+                max_width=widest if is_left else None,
+            )
         for row in self.cells:
             texts = [Text(visible(cell.lines(stacked=stacked)), style=TONES[cell.tone]) for cell in row]
             for text in texts:
@@ -216,8 +224,14 @@ class Paragraph:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         room, before = min(options.max_width, WIDTH) - 2 * self.is_command, " " * self.indent
         after = before + " " * (2 if self.is_command else self.hanging)
-        look: Any = {"break_long_words": False, "break_on_hyphens": False}
-        lines = textwrap.wrap(visible(self.text), room, initial_indent=before, subsequent_indent=after, **look)
+        lines = textwrap.wrap(
+            visible(self.text),
+            room,
+            initial_indent=before,
+            subsequent_indent=after,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
         yield Text((" \\\n" if self.is_command else "\n").join(lines), style=self.style)
 
     def __html__(self) -> str:

@@ -132,8 +132,13 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     legend += [f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []
     caption = f"In units of each joint's motor current. {'; '.join(legend)}."
     notes = [*notes_of(marks), *((mark, reason) for reason, mark in structural.items())]
-    header = ["link", *(str(column or "arm") for column in columns)]
-    return Table(f"{robot.name}: parameters ± standard error", header, body, notes, caption)
+    return Table(
+        f"{robot.name}: parameters ± standard error",
+        ["link", *(str(column or "arm") for column in columns)],
+        body,
+        notes,
+        caption,
+    )
 
 
 def row_of(value: Value) -> tuple[str, str]:
@@ -170,8 +175,11 @@ def combination_table(estimate: Estimate) -> Table | None:
         rows.append([combination.text, words.removeprefix("+ "), value, combination.unit])
     caption = f"Weights in SI units; those below {SMALLEST_TERM:g} of the largest are left out."
     title = "Identified combinations of parameters"
-    header = ("meaning", "combination", "value", "unit")
-    return Table(title, header, rows, caption=caption, words=(0, 1, 3)) if rows else None
+    return (
+        Table(title, ("meaning", "combination", "value", "unit"), rows, caption=caption, words=(0, 1, 3))
+        if rows
+        else None
+    )
 
 
 # A comparison
@@ -197,8 +205,13 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
         "Noise floor: from the differences of repeated runs. Explained: share of the current's variance."
         " Hold-out: RMSE of runs that were not fitted."
     )
-    header = ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained", "hold-out (A)"]
-    return Table("Model against measurement", header, rows, notes, caption)
+    return Table(
+        "Model against measurement",
+        ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained", "hold-out (A)"],
+        rows,
+        notes,
+        caption,
+    )
 
 
 def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Table:
@@ -216,8 +229,14 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
         posture = posture_text(robot, run.posture.tolist(), units)
         rows.append([str(rank), *where, rmse, amount(score.bias, beside=score.rmse), posture])
     header = ("", "joint", "file", "time (s)", "speed", "RMSE (A)", "bias (A)", "other joints at")
-    caption = "Sorted by RMSE relative to the joint's noise floor."
-    return Table("Runs with the largest error", header, rows, notes_of(marks), caption, (0, 1, 2, 3, 7))
+    return Table(
+        "Runs with the largest error",
+        header,
+        rows,
+        notes_of(marks),
+        "Sorted by RMSE relative to the joint's noise floor.",
+        (0, 1, 2, 3, 7),
+    )
 
 
 # A diagnosis
@@ -272,8 +291,11 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Ta
             )
     names = [joint_label(robot, joint) for joint in columns]
     caption = "Smallest size that is detected with a probability of 80 %."
-    header = ("effect", "size of", *names)
-    return Table("Detection limits", header, rows, notes_of(marks), caption, (0, 1)) if rows else None
+    return (
+        Table("Detection limits", ("effect", "size of", *names), rows, notes_of(marks), caption, (0, 1))
+        if rows
+        else None
+    )
 
 
 def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> Table | None:
@@ -283,8 +305,7 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
         return None
     rows = []
     for count, motion in enumerate(run.motions, start=1):
-        joint = robot.joint(motion.joint)
-        scale, unit = in_unit(joint.position_unit, units)
+        scale, unit = in_unit(robot.joint(motion.joint).position_unit, units)
         start, end, speed = (f"{number(scale * x, 3)} {unit}" for x in (motion.start, motion.end, motion.velocity))
         posture = posture_text(robot, motion.hold, units, moving=motion.joint)
         rows.append([str(count), joint_label(robot, motion.joint), start, end, f"{speed}/s", posture])
@@ -295,8 +316,13 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
             f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %." if run.repeats else "."
         )
     header = ("run", "joint", "from", "to", "speed", "other joints at")
-    title = f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}"
-    return Table(title, header, rows, caption=caption, words=(0, 1, 5))
+    return Table(
+        f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}",
+        header,
+        rows,
+        caption=caption,
+        words=(0, 1, 5),
+    )
 
 
 # The history of models
@@ -309,15 +335,20 @@ def history_table(ladder: Ladder) -> Table:
         rmse, heldout, floor = rung.whole.values()
         ratio = Cell(f"{rmse / floor:.2f}") if rmse is not None and floor else NONE
         head: Row = [Cell(str(rung.number), mark="*" if rung.is_current else ""), str(rung.parent or "")]
-        amounts = map(amount, (rmse, heldout, floor))
-        rows.append([*head, ", ".join(changes(rung)), *amounts, ratio])
+        rows.append([*head, ", ".join(changes(rung)), *map(amount, (rmse, heldout, floor)), ratio])
     caption = f"Not comparable with the models above: {ladder.apart}. " if ladder.apart else ""
     caption += "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
     if all(fit.heldout is None for rung in ladder.rungs for fit in rung.estimate.joints):
         caption += " No run was held out, so nothing shows how the models do on new runs."
     header = ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor")
-    notes = [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else []
-    return Table(f"{ladder.robot}: error of each model", header, rows, notes, caption, (0, 1, 2))
+    return Table(
+        f"{ladder.robot}: error of each model",
+        header,
+        rows,
+        [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else [],
+        caption,
+        (0, 1, 2),
+    )
 
 
 def history_joint_table(ladder: Ladder) -> Table:
@@ -328,8 +359,12 @@ def history_joint_table(ladder: Ladder) -> Table:
             errors = [getattr(fit, name) for fit in fits]
             if any(error is not None for error in errors):
                 rows.append([str(fits[-1].joint), kind, *map(amount, errors), amount(fits[-1].noise_floor)])
-    header = ["joint", "runs", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"]
-    return Table("RMSE (A) by joint and model", header, rows, words=(0, 1))
+    return Table(
+        "RMSE (A) by joint and model",
+        ["joint", "runs", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"],
+        rows,
+        words=(0, 1),
+    )
 
 
 # Sentences and tables
@@ -365,14 +400,15 @@ def diagnosis_blocks(
     made += [deciding_runs_table(finding, robot, units) for finding in diagnosis.findings]
     made.append(limit_table(diagnosis, robot, units=units))
     blocks += [(None, [table]) for table in made if table is not None]
-    headline = Paragraph(sentences.headline(diagnosis, robot), style="bold")
-    return [(None, [headline]), *(block for block in blocks if block[1])]
+    return [
+        (None, [Paragraph(sentences.headline(diagnosis, robot), style="bold")]),
+        *(block for block in blocks if block[1]),
+    ]
 
 
 def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[Paragraph | Table]:
     """The same for the terminal, with an empty line between."""
-    blocks = diagnosis_blocks(diagnosis, robot, units=units)
-    return [part for _, parts in blocks for part in (*parts, EMPTY)][:-1]
+    return [part for _, parts in diagnosis_blocks(diagnosis, robot, units=units) for part in (*parts, EMPTY)][:-1]
 
 
 def budget_table(comparison: Comparison, robot: Robot) -> Table | None:

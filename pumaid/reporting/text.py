@@ -230,12 +230,15 @@ def run_time(run: Run) -> str:
 def counted_runs(runs: Sequence[Run]) -> str:
     """``12 runs at constant speed, 3 strokes from rest to rest and 10 blocks of any motion``."""
     counts = count_kinds(runs)
-    words = {
-        CONSTANT: ("run", "at constant speed"),
-        STROKE: ("stroke", "from rest to rest"),
-        BLOCK: ("block", "of any motion"),
-    }
-    shown = [f"{plural(counts[kind], noun)} {how}" for kind, (noun, how) in words.items() if kind in counts]
+    shown = [
+        f"{plural(counts[kind], noun)} {how}"
+        for kind, (noun, how) in {
+            CONSTANT: ("run", "at constant speed"),
+            STROKE: ("stroke", "from rest to rest"),
+            BLOCK: ("block", "of any motion"),
+        }.items()
+        if kind in counts
+    ]
     return listed(shown or ["0 runs at constant speed"])
 
 
@@ -581,5 +584,8 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """What limits the diagnosis, each sentence once with its joints."""
-    texts = [(joint.joint, f"{text.rstrip('.')}.") for joint in diagnosis.joints for text in joint.weakened]
-    return by_joint(texts, robot, count=len(diagnosis.joints))
+    return by_joint(
+        [(joint.joint, f"{text.rstrip('.')}.") for joint in diagnosis.joints for text in joint.weakened],
+        robot,
+        count=len(diagnosis.joints),
+    )

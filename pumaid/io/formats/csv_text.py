@@ -178,21 +178,28 @@ class CsvLog(LogSource):
         size, (line, count) = len(self._dialect.header), self._ragged[0]
         where, text = Where(file=self.name, row=line), f"row {line} has {count} cells where the header has {size}"
         if len(self._ragged) > 1 or line < last_row or count > size:
-            mend = "complete or remove such rows; a delimiter inside a cell needs quotes"
-            raise LogError("not-a-log", text, where, mend)
+            raise LogError(
+                "not-a-log", text, where, "complete or remove such rows; a delimiter inside a cell needs quotes"
+            )
         self.notes.append(Note("bad-samples", f"{text} (recording cut off) and is left out", where))
 
     def _unreadable(self, message: str) -> LogError:
         """The error that a message of Arrow's means."""
         match = _BAD_CELL.search(message)
         if match is None:
-            what = f"{self.name} is no table in lines: {message.splitlines()[0][:150]}"
             return LogError(
-                "not-a-log", what, Where(file=self.name), "export it as CSV, a line a sample, or as Parquet"
+                "not-a-log",
+                f"{self.name} is no table in lines: {message.splitlines()[0][:150]}",
+                Where(file=self.name),
+                "export it as CSV, a line a sample, or as Parquet",
             )
         column, text = self._dialect.header[int(match[1])], match[3].rstrip("'").strip()[:30]
-        where = Where(file=self.name, row=int(match[2]) if match[2] else None, column=column)
-        return LogError("not-a-number", f"column {column} holds {text!r}, no number", where, _NUMBERS)
+        return LogError(
+            "not-a-number",
+            f"column {column} holds {text!r}, no number",
+            Where(file=self.name, row=int(match[2]) if match[2] else None, column=column),
+            _NUMBERS,
+        )
 
 
 def _single_spaced(stream: Any) -> Any:
@@ -235,8 +242,7 @@ def _dialect(text: str, name: str) -> Dialect:
     body = [lines[number] for number in numbers]
     if not above:
         what = f"{name} has no line of names above its numbers ({body[0].strip()[:40] if body else 'it is empty'})"
-        mend = "put a header line on top: t,q1,...,i1,..."
-        raise LogError("not-a-log", what, Where(file=name, line=first + 1), mend)
+        raise LogError("not-a-log", what, Where(file=name, line=first + 1), "put a header line on top: t,q1,...,i1,...")
     place = above[-1] if body else above[0]
     delimiter = _delimiter([lines[place].lstrip("\ufeff#% "), *body])
     if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
@@ -295,5 +301,9 @@ def _refuse_thousands(dialect: Dialect, indices: Sequence[int], name: str) -> No
         is_sure = any(len(re.split("[.,]", word)) > 2 for word in grouped)
         if is_sure or (grouped and plain and all(map(_SMALL.fullmatch, plain))):
             column, shown = dialect.header[index], " beside ".join([*grouped[:1], *plain[:1]])
-            what = f"column {column} of {name} holds {shown}: separators of thousands, or decimals?"
-            raise LogError("not-a-number", what, Where(file=name, column=column), _NUMBERS)
+            raise LogError(
+                "not-a-number",
+                f"column {column} of {name} holds {shown}: separators of thousands, or decimals?",
+                Where(file=name, column=column),
+                _NUMBERS,
+            )

@@ -36,10 +36,16 @@ class ParquetLog(LogSource):
 
         with refusing(self.name, (pa.ArrowException, OSError)):
             source = pa.OSFile(os.fsencode(self.path))
-            options = {"pre_buffer": False, "page_checksum_verification": True}  # of pages that have a checksum
-            self._file = pq.ParquetFile(source, buffer_size=_BUFFER_BYTES, **options)
-        fields = self._file.schema_arrow
-        return [LogColumn(field.name, field.type.unit if _is_time(pa, field.type) else "") for field in fields]
+            self._file = pq.ParquetFile(
+                source,
+                buffer_size=_BUFFER_BYTES,
+                pre_buffer=False,
+                page_checksum_verification=True,  # of pages that have a checksum
+            )
+        return [
+            LogColumn(field.name, field.type.unit if _is_time(pa, field.type) else "")
+            for field in self._file.schema_arrow
+        ]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`."""
@@ -67,8 +73,9 @@ class ParquetLog(LogSource):
             return floats(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
             what = f"column {name} holds {column.type}, not numbers: {str(error).splitlines()[0][:100]}"
-            mend = "write it as numbers, a column for each joint"
-            raise LogError("not-a-number", what, Where(file=self.name, column=name), mend) from error
+            raise LogError(
+                "not-a-number", what, Where(file=self.name, column=name), "write it as numbers, a column for each joint"
+            ) from error
 
 
 def _is_time(pa: Any, kind: Any) -> bool:

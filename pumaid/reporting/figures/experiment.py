@@ -86,16 +86,19 @@ def skeleton_figure(robot: Robot, position: Floats) -> Drawing:
         near = [place for place in labels if np.linalg.norm(axis[1] - place) < 0.03 * reach]
         labels.setdefault(near[0] if near else tuple(axis[1].tolist()), []).append(str(joint.number))
     for (x, y), numbers in labels.items():
-        look: dict[str, Any] = {"fontsize": 10.5, "fontweight": "bold", "textcoords": "offset points"}
-        axes.annotate(", ".join(numbers), (x, y), (9, 5), zorder=5, **look)
+        axes.annotate(
+            ", ".join(numbers), (x, y), (9, 5), zorder=5, fontsize=10.5, fontweight="bold", textcoords="offset points"
+        )
     axes.margins(0.12)
     axes.set_xlim(axes.get_xlim()[0], axes.get_xlim()[1] + 0.3 * reach)
     _surroundings(axes, robot, reach)
-    caption = (
+    return Drawing(
+        "arm",
+        f"{robot.name}: skeleton",
         "Circles: revolute joints, squares: prismatic joints, short lines: their axes, arrow: gravity. Drawn from the"
-        " recipe in the posture of the first run; if this is not your arm, the recipe is wrong."
+        " recipe in the posture of the first run; if this is not your arm, the recipe is wrong.",
+        figure,
     )
-    return Drawing("arm", f"{robot.name}: skeleton", caption, figure)
 
 
 def _surroundings(axes: Axes, robot: Robot, reach: float) -> None:
@@ -136,8 +139,11 @@ def posture_figure(plan: Plan, robot: Robot) -> Drawing:
             scale, unit = in_unit(joint.position_unit, "deg")
             span = f"{round(low * scale, 3) + 0.0:.4g} to {round(high * scale, 3) + 0.0:.4g} {unit}"
             purpose = shortened(f"\nfor {', '.join(serves[key])}", 38) if serves.get(key) else ""
-            title = f"{shortened(f'{joint.number}{letter} {joint.name}', 34)}\n{span}, {runs}{purpose}"
-            axes.set_title(title, fontsize=7.5, fontweight="normal")
+            axes.set_title(
+                f"{shortened(f'{joint.number}{letter} {joint.name}', 34)}\n{span}, {runs}{purpose}",
+                fontsize=7.5,
+                fontweight="normal",
+            )
     rest = f", {len(groups) - MOST_PANELS} more not drawn" if len(groups) > MOST_PANELS else ""
     heading(figure, f"{robot.name}: {len(groups)} postures, {len(plan.motions)} runs{rest}")
     handles = [
@@ -188,8 +194,9 @@ def _panel(axes: Axes, robot: Robot, motions: Sequence[Motion]) -> tuple[float, 
         high = np.minimum(box.high, space.max(axis=0) + RIM * reach)
         if (low < high).all():
             corners = projected(np.array(list(product(*zip(low, high, strict=True)))))
-            outline = corners[ConvexHull(corners).vertices]
-            axes.add_patch(Polygon(outline, color=BACKWARD, alpha=0.14, linewidth=0.6, zorder=0))
+            axes.add_patch(
+                Polygon(corners[ConvexHull(corners).vertices], color=BACKWARD, alpha=0.14, linewidth=0.6, zorder=0)
+            )
     return min(ends), max(ends)
 
 

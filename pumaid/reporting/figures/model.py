@@ -120,8 +120,9 @@ def _share_bars(axes: Axes, scores: Sequence[JointScore], colours: dict[str, str
     for part, start, colour in zip(shares.T, starts.T, colours.values(), strict=True):
         bars = axes.barh(range(len(scores)), part, left=start, height=0.68, color=colour, linewidth=0)
         texts = [f"{100.0 * share:.0f} %" if share >= ROOM else "" for share in part]
-        ink = DARK_INK if colour in PALE else "white"
-        axes.bar_label(bars, texts, label_type="center", color=ink, fontweight="bold")
+        axes.bar_label(
+            bars, texts, label_type="center", color=DARK_INK if colour in PALE else "white", fontweight="bold"
+        )
     for row, (score, end) in enumerate(zip(scores, above.sum(axis=1), strict=True)):
         axes.text(end + 0.02, row, amperes(score.rms), va="center", fontsize=9.5)
     lowest = float(below.sum(axis=1).min())
@@ -143,8 +144,9 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     fitted, heldout, floor = np.column_stack([values, values[:, -1]])
     axes.step(edges, fitted, where="post", color=FORWARD, linewidth=2.4, label="fitted runs")
     axes.step(edges, heldout, "--", where="post", color=BACKWARD, linewidth=2.4, label="held-out runs")
-    look: Any = {"color": GREY, "alpha": 0.28, "linewidth": 0, "zorder": 0}
-    axes.fill_between(edges, 0.0, floor, step="post", label="noise floor", **look)
+    axes.fill_between(
+        edges, 0.0, floor, step="post", label="noise floor", color=GREY, alpha=0.28, linewidth=0, zorder=0
+    )
     axes.set(ylim=(0.0, 1.18 * np.nanmax(values, initial=0.0) or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
     labels, room = [], int(LETTERS * width / len(path))
     for before, rung in zip((None, *path), path, strict=False):
@@ -154,8 +156,12 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     axes.set_xticks(edges[:-1] + 0.5, labels)
     axes.set_title(f"{shortened(ladder.robot)}: error of each model", pad=10)
     legend(figure, axes.get_legend_handles_labels()[0])
-    caption = "One step a model, labelled by what it adds. Grey: noise floor, from the differences of repeated runs."
-    return Drawing("ladder", f"{ladder.robot}: error of each model", caption, figure)
+    return Drawing(
+        "ladder",
+        f"{ladder.robot}: error of each model",
+        "One step a model, labelled by what it adds. Grey: noise floor, from the differences of repeated runs.",
+        figure,
+    )
 
 
 # Currents
@@ -181,8 +187,13 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
         axes.grid(axis="y")
         axes.label_outer()
     grid[0, 0].set_title(shortened(joint_title(context.robot, joint), 40), pad=18)
-    ways = [score.run.direction for group in shown for score in group] if steady else [1, -1]
-    legend(figure, [*direction_handles(ways), Line2D([], [], color=INK, linewidth=1.1, label="predicted")])
+    legend(
+        figure,
+        [
+            *direction_handles([score.run.direction for group in shown for score in group] if steady else [1, -1]),
+            Line2D([], [], color=INK, linewidth=1.1, label="predicted"),
+        ],
+    )
     caption = "Dots: measured. Lines: predicted, one a run."
     if len(steady) > MOST_POSTURES:
         caption += f" The {MOST_POSTURES} of {len(steady)} postures with most runs."
@@ -203,8 +214,15 @@ def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> No
         is_pause = is_free & (steps > 1.5 * np.median(steps))
         axes.plot(x[order], np.where(is_pause, np.nan, score.predicted[order]), color=INK, linewidth=0.7, zorder=1.5)
         for sign in (1, -1):
-            look: dict[str, Any] = {"colour": COLOURS[sign], "size": 2.6, "limit": -(-2 * MOST_POINTS // len(group))}
-            dots(axes, x[ways == sign], bins.current[ways == sign], alpha=0.7, **look)
+            dots(
+                axes,
+                x[ways == sign],
+                bins.current[ways == sign],
+                alpha=0.7,
+                colour=COLOURS[sign],
+                size=2.6,
+                limit=-(-2 * MOST_POINTS // len(group)),
+            )
 
 
 # Residuals
@@ -234,12 +252,15 @@ def residual_figure(context: ReportContext, joints: Sequence[int]) -> Drawing:
                 axes.set_axis_off()
     ways = direction_handles(way for frame in bins.values() for way in frame["direction"])
     has_floor = any(context.comparison.joints[joint - 1].noise_floor is not None for joint in joints)
-    floor = [Patch(color=GREY, alpha=0.4, label="noise floor")] if has_floor else []
-    legend(figure, [*ways, *floor])
+    legend(figure, [*ways, *([Patch(color=GREY, alpha=0.4, label="noise floor")] if has_floor else [])])
     postures = [group[0].run.posture.tolist() for group in context.postures(joints[0])[:4]]
     texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]
-    caption = f"Postures ({context.unit(joints[0])[1]}): {'; '.join(texts)}."
-    return Drawing(f"residual_j{joints[0]}", f"{joint_title(context.robot, joints[0])}: residual", caption, figure)
+    return Drawing(
+        f"residual_j{joints[0]}",
+        f"{joint_title(context.robot, joints[0])}: residual",
+        f"Postures ({context.unit(joints[0])[1]}): {'; '.join(texts)}.",
+        figure,
+    )
 
 
 def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
@@ -253,18 +274,21 @@ def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:
             speed = np.abs(bins.velocity) if is_block else np.full(len(bins.time), abs(run.speed))
             # A's gravity is not known where only a sum with it is, and 0 where the joint carries no weight.
             is_merged = any("gravity" in name.split(TOGETHER) and name != "gravity" for name in score.parts)
-            columns = {
-                "direction": np.sign(bins.velocity) if is_block else run.direction,
-                "run": len(parts),
-                "residual": score.residual,
-                f"position ({unit})": scale * bins.position[:, joint - 1],
-                f"speed ({unit}/s)": scale * speed,
-                "gravity current (A)": score.parts.get("gravity", np.nan if is_merged else 0.0),
-                "time (min)": (bins.time + shifts[run.clock]) / 60.0,
-                "posture (number)": float(posture),
-                "temperature (°C)": bins.temperature,
-            }
-            parts.append(pd.DataFrame(columns))
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "direction": np.sign(bins.velocity) if is_block else run.direction,
+                        "run": len(parts),
+                        "residual": score.residual,
+                        f"position ({unit})": scale * bins.position[:, joint - 1],
+                        f"speed ({unit}/s)": scale * speed,
+                        "gravity current (A)": score.parts.get("gravity", np.nan if is_merged else 0.0),
+                        "time (min)": (bins.time + shifts[run.clock]) / 60.0,
+                        "posture (number)": float(posture),
+                        "temperature (°C)": bins.temperature,
+                    }
+                )
+            )
     return pd.concat(parts, ignore_index=True)
 
 
@@ -319,8 +343,12 @@ def _title(finding: Finding, curve: Curve, robot: Robot) -> str:
 def shape_figure(joint: int, shape: Unexplained, robot: Robot, *, units: str = "rad") -> Drawing:
     """The shape of a joint's residual that no effect explains."""
     caption = f"Means of the residual in bins. {form_sentence(shape, units)}"
-    title = f"{joint_title(robot, joint)}: residual that no effect explains"
-    return Drawing(f"unexplained_j{joint}", title, caption, _evidence([_unexplained(joint, shape, robot)], units))
+    return Drawing(
+        f"unexplained_j{joint}",
+        f"{joint_title(robot, joint)}: residual that no effect explains",
+        caption,
+        _evidence([_unexplained(joint, shape, robot)], units),
+    )
 
 
 def _unexplained(joint: int, shape: Unexplained, robot: Robot) -> Column:
@@ -345,8 +373,9 @@ def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> 
 def _evidence(columns: Sequence[Column], units: str) -> Figure:
     """For each column the residual without the effect above that with it, at one scale."""
     has_effects = any(effect for _, effect, *_ in columns)
-    height = 1.75 if has_effects else 2.4
-    figure, grid = panels(1 + has_effects, len(columns), height=height, sharex="col", sharey="col")
+    figure, grid = panels(
+        1 + has_effects, len(columns), height=1.75 if has_effects else 2.4, sharex="col", sharey="col"
+    )
     lines = [line for _, _, curve, _ in columns for line in curve.lines]
     dashes: dict[str, Any] = dict(zip(dict.fromkeys(line.effect for line in lines), cycle(DASHES), strict=False))
     for both, (title, effect, curve, kind) in zip(grid.T, columns, strict=True):
@@ -356,8 +385,13 @@ def _evidence(columns: Sequence[Column], units: str) -> Figure:
                 x, y, dash = scale * side.centres, getattr(side, name), "" if side.direction else "-"
                 error_marks(axes, x, y, errors=side.errors, sign=side.direction, linestyle=dash)
         for line in curve.lines:
-            style: dict[str, Any] = {"color": COLOURS[line.direction], "linestyle": dashes[line.effect]}
-            both[0].plot(scale * line.places, line.values, linewidth=1.4, **style)
+            both[0].plot(
+                scale * line.places,
+                line.values,
+                linewidth=1.4,
+                color=COLOURS[line.direction],
+                linestyle=dashes[line.effect],
+            )
         both[-1].set_title(shortened(f"with {effect}", 44))
         both[0].set_title(shortened(title, 44))
         if has_effects:
@@ -365,8 +399,11 @@ def _evidence(columns: Sequence[Column], units: str) -> Figure:
             both[0].set_xlabel("" if effect else both[1].get_xlabel())
             both[0].tick_params(labelbottom=not effect)
     ways = direction_handles(side.direction for _, _, curve, _ in columns for side in curve.sides)
-    handles = [Line2D([], [], color=INK, linestyle=dash, label=name) for name, dash in dashes.items()]
-    legend(figure, [*ways, *handles], 2 * len(columns))
+    legend(
+        figure,
+        [*ways, *(Line2D([], [], color=INK, linestyle=dash, label=name) for name, dash in dashes.items())],
+        2 * len(columns),
+    )
     return figure
 
 

@@ -167,8 +167,16 @@ def dots(axes: Axes, x: Any, y: Any, *, colour: str, size: float, alpha: float =
     length = 1e-4 * max(float(np.ptp(x)), 1e-9)  # lines without length are not drawn everywhere
     across, up = np.column_stack([x, x + length, np.nan * x]), np.column_stack([y, y, np.nan * y])
     # Strokes this short would be snapped to nothing in PNG.
-    look: Any = {"linewidth": size, "solid_capstyle": "round", "zorder": 2, "snap": False}
-    axes.plot(across.ravel(), up.ravel(), color=colour, alpha=alpha, **look)
+    axes.plot(
+        across.ravel(),
+        up.ravel(),
+        color=colour,
+        alpha=alpha,
+        linewidth=size,
+        solid_capstyle="round",
+        zorder=2,
+        snap=False,
+    )
 
 
 def zero_line(axes: Axes, floor: float | None = None) -> None:

@@ -103,8 +103,7 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
     """The report as an HTML document without outside references; `pictures`: SVG elements of all figures by name."""
 
     def figure(drawing: Drawing, style: str = "") -> Markup:
-        picture = Markup(pictures[drawing.name])
-        return _FIGURE.format(drawing.name, style, picture, drawing.title, drawing.caption)
+        return _FIGURE.format(drawing.name, style, Markup(pictures[drawing.name]), drawing.title, drawing.caption)
 
     templates, robot = environment(), context.robot.name
     parts = [
@@ -112,15 +111,18 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
         for section, content in contents
     ]
     names = [section for section, _ in contents]
-    whole = templates.get_template("page.html")
-    return whole.render(robot=robot, sections=names, parts=parts, version=__version__, dark=DARK)
+    return templates.get_template("page.html").render(
+        robot=robot, sections=names, parts=parts, version=__version__, dark=DARK
+    )
 
 
 def report_files(context: ReportContext, forms: Sequence[str]) -> Iterator[tuple[str, bytes]]:
     """Tables, figures in some `forms` and the page, which comes last: relative name and content; nothing is written."""
     for form in ("csv", "parquet", "latex", "markdown"):
-        content = parameters_as(context.estimate, context.robot, form, units=context.units)
-        yield f"tables/parameters.{TABLE_FORMS[form]}", content
+        yield (
+            f"tables/parameters.{TABLE_FORMS[form]}",
+            parameters_as(context.estimate, context.robot, form, units=context.units),
+        )
     table = comparison_table(context.comparison, context.robot)
     yield "tables/comparison.tex", table.latex().encode("utf-8")
     yield "tables/comparison.md", table.markdown().encode("utf-8")

@@ -96,14 +96,16 @@ def missing(context: ReportContext) -> Content | None:
         if isinstance(item, JointDiagnosis):
             shape = item.unexplained
             return [model.shape_figure(item.joint, shape, context.robot, units=context.units)] if shape else []
-        draw = [(item, curve) for curve in item.curves] if item else []
         return [
-            model.finding_figure(*pair, context.robot, name=f"finding_{number}", units=context.units) for pair in draw
+            model.finding_figure(*pair, context.robot, name=f"finding_{number}", units=context.units)
+            for pair in ([(item, curve) for curve in item.curves] if item else [])
         ]
 
     blocks = tables.diagnosis_blocks(context.diagnosis, context.robot, units=context.units)
-    shown = [{"parts": parts, "figures": figures(number, item)} for number, (item, parts) in enumerate(blocks)]
-    return {"stale": context.stale, "blocks": shown}
+    return {
+        "stale": context.stale,
+        "blocks": [{"parts": parts, "figures": figures(number, item)} for number, (item, parts) in enumerate(blocks)],
+    }
 
 
 def history(context: ReportContext) -> Content | None:
@@ -111,14 +113,18 @@ def history(context: ReportContext) -> Content | None:
     ladder = context.ladder
     if ladder is None or len(ladder.rungs) < 2:
         return None
-    steps = model.history_figure(ladder, width=model.PAGE_WIDTH) if len(ladder.path) > 1 else None
-    return {"steps": steps, "tables": [tables.history_table(ladder), tables.history_joint_table(ladder)]}
+    return {
+        "steps": model.history_figure(ladder, width=model.PAGE_WIDTH) if len(ladder.path) > 1 else None,
+        "tables": [tables.history_table(ladder), tables.history_joint_table(ladder)],
+    }
 
 
 def limits(context: ReportContext) -> Content:
     """What the numbers do not say."""
-    notes = (*context.dataset.notes, *context.estimate.notes, *context.comparison.notes)
-    return {"notes": text.merge_notes(notes), "limits": METHOD_LIMITS}
+    return {
+        "notes": text.merge_notes((*context.dataset.notes, *context.estimate.notes, *context.comparison.notes)),
+        "limits": METHOD_LIMITS,
+    }
 
 
 def sources(context: ReportContext) -> Content:
@@ -130,8 +136,11 @@ def sources(context: ReportContext) -> Content:
     rows = [["recipe", context.robot.origin or "in memory", context.robot.digest or "-"]]
     rows += [["fitted log", name, digest] for name, digest in fitted.items()]
     rows += [["compared log", name, digest] for name, digest in compared.items() if digest not in fitted.values()]
-    inputs = Table("Inputs", ("kind", "file", "SHA-256"), rows, words=(0, 1, 2))
-    return {"sources": titles, "inputs": inputs, "model_version": context.estimate.version}
+    return {
+        "sources": titles,
+        "inputs": Table("Inputs", ("kind", "file", "SHA-256"), rows, words=(0, 1, 2)),
+        "model_version": context.estimate.version,
+    }
 
 
 SECTIONS = (
