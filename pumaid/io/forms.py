@@ -49,8 +49,8 @@ class StrictForm(BaseModel):
         """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
         if not isinstance(data, dict):
             return data
-        nullable = ("velocity", "temperature")
-        return {str(k): v for k, v in data.items() if v is not None or k not in cls.model_fields or k in nullable}
+        used = {*cls.model_fields} - {"velocity", "temperature"}
+        return {str(key): value for key, value in data.items() if value is not None or key not in used}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +103,12 @@ def read_bytes(
         what = f"{name} cannot be read: {getattr(error, 'strerror', None) or error}"
         raise kind("file-not-readable", what, Where(file=name), mend) from error
     if len(content) > most:
-        what = f"{name} has more than {most} bytes, which no such file has"
-        raise kind("file-not-readable", what, Where(file=name), "is this a log?")
+        raise kind(
+            "file-not-readable",
+            f"{name} has more than {most} bytes, which no such file has",
+            Where(file=name),
+            "is this a log?",
+        )
     return content
 
 

@@ -4,8 +4,6 @@ A file's columns become the robot's quantities by the recipe's `log` block, whic
 not fit. No step holds a file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -149,8 +147,8 @@ class LogReader:
             after = file.stat()
         # Else the digest is of another content.
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
-            what, mend = f"{name} changed while it was read", "read it again when the recording has ended"
-            raise LogError("file-not-readable", what, Where(file=name), mend)
+            mend = "read it again when the recording has ended"
+            raise LogError("file-not-readable", f"{name} changed while it was read", Where(file=name), mend)
         self.notes = (
             *columns.notes,
             *cleaner.notes(),
@@ -158,6 +156,27 @@ class LogReader:
             *([] if cleaner.n_rows else [Note("empty-log", "the log has a header but no row", Where(file=name))]),
         )
         self.files = (FileFacts(name, digest, cleaner.n_rows, cleaner.interval, cleaner.first_time, cleaner.last_time),)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Columns:
+    """Which columns of one file are read and what each means.
+
+    Attributes
+    ----------
+    names, factors
+        (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign.
+    places
+        Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
+        the column asked for instead of the joint's. These stand last in `names`.
+    notes
+        What is absent and may be.
+    """
+
+    names: tuple[str, ...]
+    factors: Floats
+    places: dict[str, Counts]
+    notes: tuple[Note, ...]
 
 
 class Cleaner:
@@ -196,7 +215,11 @@ class Cleaner:
         if not len(rows):
             return None
         before, self._last = self._last, table[:, -1].copy()
-        self._count_steps(rows, table[0], before)
+        steps = np.diff(table[0], prepend=table[0, 0] if before is None else before[0])
+        self._steps = np.concatenate([self._steps, steps[before is None :][: _PROBE - len(self._steps)]])
+        is_long = steps > _GAP_SECONDS
+        if is_long.any():  # these are held until the median stands
+            self._long = np.hstack([self._long, [rows[is_long], table[0, is_long] - steps[is_long], steps[is_long]]])
         self._unwrap(rows, table, before)
         self.first_time = float(table[0, 0]) if before is None else self.first_time
         self.last_time = float(table[0, -1])
@@ -262,14 +285,6 @@ class Cleaner:
         self._mark("tied", rows, {name: (steps == 0.0) & ~is_same})
         return rows[steps > 0.0], table[:, steps > 0.0]
 
-    def _count_steps(self, rows: Counts, time: Floats, before: Floats | None) -> None:
-        """Take in the times between samples; those that may be gaps are held until the median stands."""
-        steps = np.diff(time, prepend=time[0] if before is None else before[0])
-        self._steps = np.concatenate([self._steps, steps[before is None :][: _PROBE - len(self._steps)]])
-        is_long = steps > _GAP_SECONDS
-        if is_long.any():
-            self._long = np.hstack([self._long, [rows[is_long], time[is_long] - steps[is_long], steps[is_long]]])
-
     def _unwrap(self, rows: Counts, table: Floats, before: Floats | None) -> None:
         """Take whole turns out of jumps that no motion explains, in place."""
         before = table[:, 0] if before is None else before
@@ -322,8 +337,12 @@ class Cleaner:
             notes += [Note(slug, f"{text}; {meaning}", where)] if total else []
         currents = [self.columns.names[k] for k in self.columns.places["current"][:, 1]]
         if all(self._faults["current"].get(name, (0, 0))[0] == self.n_rows > 0 for name in currents):
-            what = f"the currents of {self.name} are empty ({listed(currents)})"
-            raise LogError("column-missing", what, Where(file=self.name), "record the motor currents")
+            raise LogError(
+                "column-missing",
+                f"the currents of {self.name} are empty ({listed(currents)})",
+                Where(file=self.name),
+                "record the motor currents",
+            )
         return notes + self._uneven_times()
 
     def _uneven_times(self) -> list[Note]:
@@ -343,27 +362,6 @@ class Cleaner:
             about = f"the median interval is {median:.4g} s and no run crosses a gap"
             notes.append(Note("gaps", f"{text}; {about}", Where(file=self.name, row=int(rows[0]))))
         return notes
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Columns:
-    """Which columns of one file are read and what each means.
-
-    Attributes
-    ----------
-    names, factors
-        (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign.
-    places
-        Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
-        the column asked for instead of the joint's. These stand last in `names`.
-    notes
-        What is absent and may be.
-    """
-
-    names: tuple[str, ...]
-    factors: Floats
-    places: dict[str, Counts]
-    notes: tuple[Note, ...]
 
 
 def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
@@ -425,8 +423,11 @@ def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequ
         ).reshape(-1, 2)
         names += map(str, present.values())
         factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
-    templates = [template for template in (robot.log.position, robot.log.current) if "{joint" in template]
-    beyond = [template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="") for template in templates]
+    beyond = [
+        template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="")
+        for template in (robot.log.position, robot.log.current)
+        if "{joint" in template
+    ]
     more = [column for column in beyond if column in header]
     if more:
         text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"

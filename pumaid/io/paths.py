@@ -91,7 +91,11 @@ def _matching(argument: str) -> list[LogPath]:
         if not files:
             what = f"no file, folder or glob leads to a log: {argument}"
             mend = f"logs end in {', '.join(endings())}; check the address"
-            mend += "" if is_remote(argument) else _nearest(Path(argument))
+            if not is_remote(argument):  # the nearest existing name in the nearest existing folder
+                path = Path(argument)
+                folder = next(parent for parent in (path, *path.parents) if parent.exists())
+                nearby = [item.name for item in folder.iterdir() if item.exists() and not item.name.startswith(".")]
+                mend += f": in {folder}, {meant((*path.relative_to(folder).parts, '')[0], sorted(nearby))}"
             raise LogError("no-such-log", what, Where(file=argument), mend)
     if not is_remote(argument):
         return [Path(name) for name in files]
@@ -115,13 +119,6 @@ def _order(path: str) -> list[list[tuple[int, int, str]]]:
     """Files of a folder stay together, and run_2 comes before run_10."""
     parts = [re.findall(r"(\d+)|(\D+)", part) for part in PurePath(path).parts]
     return [[(0, int(digits), "") if digits else (1, 0, text) for digits, text in part] for part in parts]
-
-
-def _nearest(path: Path) -> str:
-    """The nearest existing name in the nearest existing folder."""
-    folder = next(parent for parent in (path, *path.parents) if parent.exists())
-    names = [item.name for item in folder.iterdir() if item.exists() and not item.name.startswith(".")]
-    return f": in {folder}, {meant((*path.relative_to(folder).parts, '')[0], sorted(names))}"
 
 
 def chosen_logs(pattern: str, names: Sequence[str]) -> list[str]:

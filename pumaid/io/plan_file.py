@@ -111,8 +111,7 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
 
 def find_plan(folders: Iterable[Path]) -> Path | None:
     """The first ``plan.yaml`` in some folders, or none."""
-    paths = (Path(folder) / PLAN_NAME for folder in folders)
-    return next((path for path in paths if path.is_file()), None)
+    return next((path for path in (Path(folder) / PLAN_NAME for folder in folders) if path.is_file()), None)
 
 
 def read_plan(path: Path, robot: Robot) -> Plan:
@@ -194,9 +193,9 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
 
     runs = []
     for motion in plan.motions:
-        ends = {"from": motion.start, "to": motion.end, "velocity": motion.velocity}
-        ends = {key: value / scales[motion.joint - 1] for key, value in ends.items()}
-        runs.append({**head(motion), **ends, "purpose": motion.purpose})
+        scale = scales[motion.joint - 1]
+        ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
+        runs.append(head(motion) | ends | {"purpose": motion.purpose})
     return {
         "kind": "plan",
         "format": 1,
@@ -224,5 +223,4 @@ def _flow(value: Any) -> str:
         return "[" + ", ".join(map(_flow, value)) + "]"
     if isinstance(value, str):
         return yaml_text(value)
-    text = f"{value:.{_DIGITS}g}"
-    return "0" if text == "-0" else text
+    return f"{value + 0.0:.{_DIGITS}g}"  # never -0

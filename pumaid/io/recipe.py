@@ -1,7 +1,5 @@
 """Recipes: YAML files that state an arm; what they may hold, in SI; where they are found; texts to start from."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re
@@ -9,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
@@ -77,7 +75,7 @@ class ArmForm:
     is_stated: bool
 
     @classmethod
-    def of(cls, data: dict[str, Any]) -> ArmForm:
+    def of(cls, data: dict[str, Any]) -> Self:
         """From a recipe's plain data, whatever it holds."""
         entries, units = data.get("joints"), data.get("units")
         joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
@@ -259,17 +257,17 @@ class JointForm(StrictForm):
     gear_ratio: GearRatio | None = None
 
     @model_validator(mode="after")
-    def _is_placed_once(self) -> JointForm:
+    def _is_placed_once(self) -> Self:
         """All of a Denavit-Hartenberg row but the offset of its motion, or a placement."""
         constants = ("alpha", "a", "d", "theta")
         stated = {key for key in constants if getattr(self, key) is not None}
         needed = {*constants} - {"theta" if self.type == "revolute" else "d"}
         if stated if self.placement is not None else needed - stated:
             mend = " and ".join(f"{key}: 0" for key in constants if key in needed - stated)
-            mend = (
-                f"add {mend} if it is zero, or place the joint with placement alone: {{xyz: ..., rpy: ..., axis: ...}}"
+            raise refusal(
+                f"a joint needs {', '.join(sorted(needed))}, or a placement and none of these",
+                f"add {mend} if it is zero, or place the joint with placement alone: {{xyz: ..., rpy: ..., axis: ...}}",
             )
-            raise refusal(f"a joint needs {', '.join(sorted(needed))}, or a placement and none of these", mend)
         return self
 
 
@@ -355,15 +353,21 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
             yield (("joints", index), what, "give each its own name")
     for number in sorted({number for pair in pairs if pair for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
-            what = f"joint {number} takes part in coupling, and has no gear ratio"
-            yield (("joints", number - 1, "gear_ratio"), what, "add gear_ratio: motor turns per joint turn")
+            yield (
+                ("joints", number - 1, "gear_ratio"),
+                f"joint {number} takes part in coupling, and has no gear ratio",
+                "add gear_ratio: motor turns per joint turn",
+            )
     log, taken = form.log, {form.log.time}
     for key in ("position", "velocity", "current", "temperature"):
         template = getattr(log, key) or ""
         columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}
         if columns & taken:
-            what = f"{key} takes column {min(columns & taken)}, which another quantity has already"
-            yield (("log", key), what, "give each quantity its own columns")
+            yield (
+                ("log", key),
+                f"{key} takes column {min(columns & taken)}, which another quantity has already",
+                "give each quantity its own columns",
+            )
         taken |= columns
 
 
@@ -494,8 +498,12 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
     searched = dict.fromkeys(candidate for candidates in tiers for candidate in candidates)
     what = f"no {RECIPE_NAME} found; searched {', '.join(map(str, searched))}"
     named = [str(path) for place in searched for path in sorted(place.parent.glob("*recipe*.y*ml"))]
-    mend = f"name one with --recipe {(*named, 'FILE')[0]}, or write one with: pumaid init puma560 -o recipe.yaml"
-    raise RecipeError("recipe-not-found", what, Where(), mend)
+    raise RecipeError(
+        "recipe-not-found",
+        what,
+        Where(),
+        f"name one with --recipe {(*named, 'FILE')[0]}, or write one with: pumaid init puma560 -o recipe.yaml",
+    )
 
 
 def _given(given: Path) -> Path:

@@ -125,7 +125,6 @@ class UrdfFile:
     def _check(self, joint: UrdfJoint, stated: set[str]) -> None:
         """Refuse a joint of no type, at no link, or that closes a loop."""
         lost = "".join([link for link in (joint.parent, joint.child) if link not in stated][:1])
-        is_loop = self.carrier[joint.child] is not joint or joint.child not in self.links
         for is_wrong, what, mend in (
             (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
             (
@@ -133,7 +132,11 @@ class UrdfFile:
                 f"is at link '{lost[:40]}', which is not there",
                 meant(lost, self.links),
             ),
-            (is_loop, f"closes a loop at link {joint.child}", "the links of a URDF are a tree: take it away"),
+            (
+                self.carrier[joint.child] is not joint or joint.child not in self.links,
+                f"closes a loop at link {joint.child}",
+                "the links of a URDF are a tree: take it away",
+            ),
         ):
             if is_wrong:
                 raise joint.refusal(f"joint {joint.name} {what}", mend)
@@ -235,8 +238,12 @@ def _parsed(content: bytes, file: str) -> ElementTree.Element:
     for element in robot.iter():
         element.tag = element.tag.rpartition("}")[2]
     if is_xacro or robot.tag != "robot":
-        what = "this is a xacro file" if is_xacro else f"the file holds <{robot.tag[:40]}>, not <robot>"
-        raise RecipeError("urdf-refused", what, Where(file=file), f"give the arm's URDF{_XACRO}")
+        raise RecipeError(
+            "urdf-refused",
+            "this is a xacro file" if is_xacro else f"the file holds <{robot.tag[:40]}>, not <robot>",
+            Where(file=file),
+            f"give the arm's URDF{_XACRO}",
+        )
     return robot
 
 

@@ -1,7 +1,5 @@
 """Files written atomically: a reader sees the old content or all of the new one, never a part; logs and sessions."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import json
@@ -14,7 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from io import TextIOWrapper
 from itertools import chain, groupby, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -23,9 +21,6 @@ from pumaid.errors import ModelError, ResultError, Where
 from pumaid.io.log_reader import QUANTITIES, factor_of, time_factor
 from pumaid.io.paths import STDIN, is_log
 from pumaid.robot import Joint, Robot
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 #: Decimals of a number in CSV: finer than any encoder, current sensor or clock.
 DECIMALS = 9
@@ -118,8 +113,8 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
         write(sink, tables)
 
 
-def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
-    """A table a log, in the log's units and signs."""
+def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[Any]:
+    """A table (``pyarrow.Table``) a log, in the log's units and signs."""
     import pyarrow as pa
 
     columns: list[tuple[str, str, Joint]] = []
@@ -135,7 +130,7 @@ def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[pa.Table]:
         yield pa.table(table)
 
 
-def _write_parquet(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
+def _write_parquet(sink: BinaryIO, tables: Iterator[Any]) -> None:
     import pyarrow.parquet as pq
 
     first = next(tables)
@@ -147,7 +142,7 @@ def _write_parquet(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
             writer.write_table(table)
 
 
-def _write_csv(sink: BinaryIO, tables: Iterator[pa.Table]) -> None:
+def _write_csv(sink: BinaryIO, tables: Iterator[Any]) -> None:
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
 
@@ -243,10 +238,9 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
     there = [path for path in sorted(folder.rglob("*")) if is_log(str(path.relative_to(folder))) or path == truth]
     ours = {path for path in folder.glob("session_*") if _SIMULATED.fullmatch(path.name)} | {truth}
     if there and not (force and is_simulated and ours.issuperset(there)):
-        what = f"{folder} holds logs already ({len(there)} files, such as {there[0].name})"
         raise ResultError(
             "file-exists",
-            what,
+            f"{folder} holds logs already ({len(there)} files, such as {there[0].name})",
             Where(file=str(there[0])),
             "write to another folder with -o; --force replaces only what an earlier simulation wrote",
         )

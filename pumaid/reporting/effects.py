@@ -68,8 +68,14 @@ def facts(effect: Effect) -> dict[str, Any]:
 def _numbers(item: Parameter | Shape) -> dict[str, Any]:
     """What a parameter and a shape have in common."""
     low, high = (limit if math.isfinite(limit) else None for limit in (item.low, item.high))
-    shared = {"name": item.name, "unit": item.unit, "meaning": item.meaning, "example": item.example}
-    return shared | {"low": low, "high": high}
+    return {
+        "name": item.name,
+        "unit": item.unit,
+        "meaning": item.meaning,
+        "example": item.example,
+        "low": low,
+        "high": high,
+    }
 
 
 def command(effect: Effect) -> str:

@@ -1,7 +1,5 @@
 """Log formats, a module each: what a format is to the reader, and how the format of a file is found."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from abc import ABC, abstractmethod
@@ -9,15 +7,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from pumaid.errors import LogError, Note, PumaidError, Where
 from pumaid.maths import Counts, Floats
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 #: Bytes of a file's beginning by which its format is recognised.
 HEAD_BYTES = 1 << 16
@@ -97,8 +92,8 @@ class LogSource(ABC):
         """
 
 
-def floats(column: pa.Array) -> Floats:
-    """A column of float64 as (N,) numbers, NaN where it has none.
+def floats(column: Any) -> Floats:
+    """A column of float64 (``pyarrow.Array``) as (N,) numbers, NaN where it has none.
 
     Arrow's own ``to_numpy`` loads pandas, which takes longer than a million rows: so the numbers are taken as they lie
     in memory.
@@ -130,8 +125,8 @@ def refusing(name: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> It
         reason = getattr(error, "strerror", None) or f"{str(error)[:200]} ({type(error).__name__})"
         mend = (
             "check path, permissions and disk; copy or export a damaged file again; a store may need a package of its"
+            " own (pip install 'pumaid[dask]')"
         )
-        mend += " own (pip install 'pumaid[dask]')"
         raise LogError("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error
 
 
@@ -160,6 +155,10 @@ def log_format(head: bytes, name: str) -> type[LogSource]:
     foreign = next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), None)
     fitting = sure or ([] if foreign else [item for item in log_formats() if item.sniff(head)])
     if not fitting:
-        what = f"{name} is {foreign or 'binary data'}, not CSV or Parquet"
-        raise LogError("not-a-log", what, Where(file=name), "export it as one of them")
+        raise LogError(
+            "not-a-log",
+            f"{name} is {foreign or 'binary data'}, not CSV or Parquet",
+            Where(file=name),
+            "export it as one of them",
+        )
     return fitting[0]

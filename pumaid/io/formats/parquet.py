@@ -1,19 +1,14 @@
 """Parquet logs, read batch by batch and only the columns that are needed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pumaid.errors import LogError, Where
 from pumaid.io.formats import Batch, LogColumn, LogSource, floats, refusing
 from pumaid.maths import Floats
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 #: Rows decoded at a time, and bytes that the reader of one column holds (else its whole chunk would be in memory).
 _BATCH_ROWS, _BUFFER_BYTES = 65536, 1 << 18
@@ -64,7 +59,7 @@ class ParquetLog(LogSource):
             yield Batch(first + np.arange(batch.num_rows), values)
             first += batch.num_rows
 
-    def _numbers(self, column: pa.Array, name: str) -> Floats:
+    def _numbers(self, column: Any, name: str) -> Floats:
         import pyarrow as pa
 
         if _is_time(pa, column.type):

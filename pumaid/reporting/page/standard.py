@@ -129,8 +129,11 @@ def limits(context: ReportContext) -> Content:
 
 def sources(context: ReportContext) -> Content:
     """What is needed to repeat the identification."""
-    names = dict.fromkeys(name.split(".")[0] for name in context.estimate.names)
-    effects = [catalogue()[name] for name in names if name in catalogue()]
+    effects = [
+        catalogue()[name]
+        for name in dict.fromkeys(name.split(".")[0] for name in context.estimate.names)
+        if name in catalogue()
+    ]
     titles = {x.source: [effect.title for effect in effects if effect.source == x.source] for x in effects}
     fitted, compared = context.estimate.logs, context.comparison.logs
     rows = [["recipe", context.robot.origin or "in memory", context.robot.digest or "-"]]
