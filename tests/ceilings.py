@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25453,
-    "statements": 15216,
+    "lines": 25465,
+    "statements": 15185,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21943,
