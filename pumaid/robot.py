@@ -149,8 +149,7 @@ class Robot:
     @property
     def geometry(self) -> str:
         """SHA-256 of what a recipe says of the arm itself, not of its name, its logs and its effects."""
-        content = (self.joints, self.gravity, sorted(self.coupling.items()))
-        return hashlib.sha256(repr(content).encode()).hexdigest()
+        return hashlib.sha256(repr((self.joints, self.gravity, sorted(self.coupling.items()))).encode()).hexdigest()
 
     @property
     def placements(self) -> Floats:
@@ -207,8 +206,7 @@ class Robot:
 
     def displacements(self, position: Floats) -> Floats:
         """(N, J) m along each z, for (N, J) measured positions: the lever arms of what slides."""
-        offsets = np.array([joint.d for joint in self.joints])
-        return np.where(self.is_revolute, 0.0, position) + offsets
+        return np.where(self.is_revolute, 0.0, position) + np.array([joint.d for joint in self.joints])
 
 
 @lru_cache(maxsize=64)
@@ -336,6 +334,7 @@ def read_choice(text: str, robot: Robot, option: str) -> EffectChoice:
         try:
             shape[key] = float(value)
         except ValueError:
-            what = f"{key} is {value!r}, which is no number"
-            raise ModelError("effect-shape", what, where, f"write {key}=NUMBER, or leave it out") from None
+            raise ModelError(
+                "effect-shape", f"{key} is {value!r}, which is no number", where, f"write {key}=NUMBER, or leave it out"
+            ) from None
     return EffectChoice(name, joint, shape)

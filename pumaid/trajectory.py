@@ -104,8 +104,9 @@ def span(joint: Joint) -> tuple[float, float]:
 
 def highest_speeds(robot: Robot) -> Floats:
     """(J,) highest speed, rad/s or m/s: the recipe's, or a usual one where the recipe states none."""
-    usual = {True: TURNING_SPEED, False: SLIDING_SPEED}
-    return np.array([joint.max_velocity or usual[joint.is_revolute] for joint in robot.joints])
+    return np.array(
+        [joint.max_velocity or (TURNING_SPEED if joint.is_revolute else SLIDING_SPEED) for joint in robot.joints]
+    )
 
 
 def accelerations(robot: Robot) -> Floats:
@@ -149,12 +150,11 @@ class Trapezoid:
 
 def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | None = None) -> str:
     """Joint positions (J,) for people, without that of the joint `moving` (from 1): ``90 deg, 0.1 m``."""
-    places = [
+    return ", ".join(
         f"{value / _DEG + 0.0:.4g} deg" if joint.is_revolute else f"{value:.4g} m"
         for joint, value in zip(robot.joints, position, strict=True)
         if joint.number != moving
-    ]
-    return ", ".join(places)
+    )
 
 
 def trapezoids(robot: Robot, plan: Plan) -> Iterator[Trapezoid]:
@@ -178,8 +178,14 @@ def run_trapezoid(robot: Robot, motion: Motion, number: int = 1) -> Trapezoid:
     start = np.array(motion.hold, dtype=float)
     end = start.copy()
     start[j], end[j] = motion.start, motion.end
-    ramp = max(float(accelerations(robot)[j]), motion.velocity / RAMP_TIME)
-    return Trapezoid(start, end, speed=motion.velocity, acceleration=ramp, motion=motion, number=number)
+    return Trapezoid(
+        start,
+        end,
+        speed=motion.velocity,
+        acceleration=max(float(accelerations(robot)[j]), motion.velocity / RAMP_TIME),
+        motion=motion,
+        number=number,
+    )
 
 
 def duration(robot: Robot, plan: Plan) -> float:
@@ -238,8 +244,9 @@ def urscript(plan: Plan, robot: Robot) -> str:
         what = (
             f"URScript moves six revolute joints; {robot.name} has {int(robot.is_revolute.sum())} of {robot.n_joints}"
         )
-        mend = "use the form ros2, yaml or csv for this arm"
-        raise ModelError("program-other-robot", what, Where(file=robot.origin or None), mend)
+        raise ModelError(
+            "program-other-robot", what, Where(file=robot.origin or None), "use the form ros2, yaml or csv for this arm"
+        )
     lines: list[str] = []
 
     def move(position: Floats, acceleration: float, speed: float) -> None:
@@ -256,8 +263,9 @@ def urscript(plan: Plan, robot: Robot) -> str:
         move(step.end, step.acceleration, step.speed)
         lines.append(f"sleep({REST})")
     body = "\n".join(f"  {line}" for line in [*lines, 'textmsg("pumaid plan done")'])
-    minutes = duration(robot, plan) / 60.0
-    return _URSCRIPT.format(count=len(plan.motions), name=robot.name, minutes=minutes, version=__version__, body=body)
+    return _URSCRIPT.format(
+        count=len(plan.motions), name=robot.name, minutes=duration(robot, plan) / 60.0, version=__version__, body=body
+    )
 
 
 def ros2_trajectory(plan: Plan, robot: Robot) -> str:

@@ -125,22 +125,31 @@ def _refusal(error: Exception) -> PumaidError | None:
         return error
     if isinstance(error, OSError):
         name = None if error.filename is None else str(error.filename)
-        mend = "check that the file exists, that its folder may be written and that the disk is not full"
-        return ResultError("file-not-readable", f"the system says: {error.strerror or error}", Where(file=name), mend)
+        return ResultError(
+            "file-not-readable",
+            f"the system says: {error.strerror or error}",
+            Where(file=name),
+            "check that the file exists, that its folder may be written and that the disk is not full",
+        )
     words = str(error)
     is_unmapped = isinstance(error, ImportError) and ("failed to map" in words or "annot allocate memory" in words)
     if isinstance(error, MemoryError) or is_unmapped:
-        what = f"the system has no more memory for pumaid: {words or 'it did not say how much was asked for'}"
-        mend = "end other programs, raise the limit (ulimit -v), or give --jobs 1: one process holds less than two"
-        return ResultError("no-memory", what, mend=mend)
+        return ResultError(
+            "no-memory",
+            f"the system has no more memory for pumaid: {words or 'it did not say how much was asked for'}",
+            mend="end other programs, raise the limit (ulimit -v), or give --jobs 1: one process holds less than two",
+        )
     named = {str(path.resolve()) for path in effect_files()}
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in named]
     if not frames:
         return None
     frame = frames[-1]
-    what = f"the effect fails on this robot: {frame.name}() raises {type(error).__name__}: {words}"
-    mend = "mend the effect; docs/contributing.md says what it must keep on every robot and every run"
-    return ModelError("effect-contract", what, Where(file=frame.filename, row=frame.lineno), mend)
+    return ModelError(
+        "effect-contract",
+        f"the effect fails on this robot: {frame.name}() raises {type(error).__name__}: {words}",
+        Where(file=frame.filename, row=frame.lineno),
+        "mend the effect; docs/contributing.md says what it must keep on every robot and every run",
+    )
 
 
 for _info in pkgutil.iter_modules([str(Path(__file__).with_name("commands"))]):

@@ -55,8 +55,11 @@ def with_commands(
     def pasted(items: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(replace(item, command=item.command.replace(IDENTIFY, head, 1)) for item in items)
 
-    joints = tuple(replace(joint, candidates=pasted(joint.candidates)) for joint in diagnosis.joints)
-    return replace(diagnosis, joints=joints, findings=pasted(diagnosis.findings))
+    return replace(
+        diagnosis,
+        joints=tuple(replace(joint, candidates=pasted(joint.candidates)) for joint in diagnosis.joints),
+        findings=pasted(diagnosis.findings),
+    )
 
 
 def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
@@ -66,8 +69,12 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
     for choice in estimate.effects:
         prefix = f"{choice.effect}." if choice.joint is None else f"{choice.effect}.j{choice.joint}."
         is_whole = catalogue()[choice.effect].is_repeatable
-        shape = {name: value for name, value in choice.shape.items() if is_whole or prefix + name in given}
-        out.append(replace(choice, shape=shape))
+        out.append(
+            replace(
+                choice,
+                shape={name: value for name, value in choice.shape.items() if is_whole or prefix + name in given},
+            )
+        )
     return tuple(out)
 
 
@@ -105,13 +112,13 @@ def added(
         for finding in new[: MOST_ADDED - len(done)]:
             # The shape is left open, but where the same effect may stand there twice.
             shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
-            effects = (*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
-            fresh = identified(dataset, robot, effects=effects)
+            fresh = identified(
+                dataset, robot, effects=(*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
+            )
             before, after = estimate.pooled("rmse") or 0.0, fresh.pooled("rmse") or 0.0
             if after > (1.0 + MAY_RISE) * before:
                 tell(left_out_sentence(finding, before, after, robot=robot))
-                current = diagnosis if finding is new[0] else again(estimate)
-                return replace(current, applied=tuple(done)), estimate
+                return replace(diagnosis if finding is new[0] else again(estimate), applied=tuple(done)), estimate
             keep(model, fresh)
             done.append(finding)
             tell(step_sentence(finding, estimate, fresh, robot=robot, number=len(done)))
@@ -124,8 +131,11 @@ def _is_addable(finding: Finding, estimate: Estimate) -> bool:
     """Whether it should be added and the model can hold it; a suspected column is no effect of the catalogue."""
     effect = catalogue().get(finding.effect)
     there = {(choice.effect, choice.joint) for choice in estimate.effects}
-    is_new = effect is not None and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
-    return is_new and finding.verdict == ADD
+    return (
+        effect is not None
+        and finding.verdict == ADD
+        and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
+    )
 
 
 def with_earlier(diagnosis: Diagnosis, estimate: Estimate, results: Path) -> Diagnosis:

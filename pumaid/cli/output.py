@@ -97,8 +97,12 @@ def spare_inputs(
     """
     for place in new:
         if place is not None and str(place) != "-" and place.exists():
-            mend = "replace it with --force, or write to another file with -o"
-            raise ResultError("file-exists", f"{place} is there already", Where(file=str(place)), mend)
+            raise ResultError(
+                "file-exists",
+                f"{place} is there already",
+                Where(file=str(place)),
+                "replace it with --force, or write to another file with -o",
+            )
     inputs = [path for path in (*read, *effect_files()) if path is not None and str(path) != "-"]
     for place in places:
         if place is None or str(place) == "-":
@@ -127,9 +131,15 @@ def progress(title: str, *, total: float | None = None) -> Iterator[Callable[[fl
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    words = TextColumn("{task.fields[text]}", markup=False)  # names in them may look like styles
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), words)
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as shown:
+    with Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[text]}", markup=False),  # names in them may look like styles
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as shown:
         task = shown.add_task(title, total=total, text="")
 
         def step(done: float, text: str) -> None:

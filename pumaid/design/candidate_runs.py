@@ -115,11 +115,13 @@ class Collision:
         spec, bodies = chain(self.robot, [{"mass": 1.0, "inertia": [1.0, 1.0, 1.0]}] * last)
         shapes = list[Geometry]()
         for number, sphere in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
-            size = [sphere.radius, 0, 0]
-            bodies[sphere.link].add_geom(name=str(len(shapes)), pos=sphere.centre, size=size)
+            bodies[sphere.link].add_geom(name=str(len(shapes)), pos=sphere.centre, size=[sphere.radius, 0, 0])
             label = f"sphere {number} of {f'link {sphere.link}' if sphere.link else 'the base'}"
-            extent = float(np.linalg.norm(sphere.centre)) + sphere.radius
-            shapes.append(Geometry(label if number else "the tip", sphere.link, extent))
+            shapes.append(
+                Geometry(
+                    label if number else "the tip", sphere.link, float(np.linalg.norm(sphere.centre)) + sphere.radius
+                )
+            )
         for box in safety.boxes:
             low, high = np.array(box.low), np.array(box.high)
             place, half = (low + high) / 2, (high - low) / 2
@@ -357,8 +359,7 @@ def schedule(
     for part, later in zip(parts, [*parts[1:], []], strict=True):
         order = _shortest(robot, part, [now, *(block.hold for block in later)], collision=collision, rng=rng)
         for block in (part[k] for k in order):
-            shuffled = tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps)))
-            out += replace(block, sweeps=shuffled).motions
+            out += replace(block, sweeps=tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps)))).motions
         now = part[order[-1]].hold
     return tuple(out)
 

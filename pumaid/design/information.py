@@ -71,18 +71,24 @@ def prior_robots(
         prior = robot_of_estimate(robot, estimate)
     else:
         noise, seeds = Noise(np.full(robot.n_joints, NOISE)), [1000 * seed + k for k in range(DRAWN)]
-        sentences = (
-            f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
-            f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their median.",
+        prior = Prior(
+            tuple(replace(draw(robot, number), noise=noise) for number in seeds),
+            (
+                f"Noise of {NOISE:g} A a sample, a fifth of its variance a level of each run.",
+                f"Masses, centres of mass and gains as of {DRAWN} robots drawn from the geometry; errors are their"
+                " median.",
+            ),
         )
-        prior = Prior(tuple(replace(draw(robot, number), noise=noise) for number in seeds), sentences)
     if payload is None:
         return prior
     mass, *at = (number(part, 3) for part in payload)
     if not (0.0 < payload[0] <= _HEAVIEST and max(map(abs, payload[1:])) <= _FARTHEST):
         what = f"a payload of {mass} kg at ({', '.join(at)}) m is out of range"
-        mend = f"give a mass above 0 and up to {_HEAVIEST:g} kg, and at most {_FARTHEST:g} m along each axis"
-        raise ModelError("plan-impossible", what, mend=mend)
+        raise ModelError(
+            "plan-impossible",
+            what,
+            mend=f"give a mass above 0 and up to {_HEAVIEST:g} kg, and at most {_FARTHEST:g} m along each axis",
+        )
     sentence = (
         f"The last link carries {mass} kg at ({', '.join(at)}) m of its frame; gravity parameters are those of the arm"
         " with it, ratios those of the bare arm."
@@ -113,11 +119,17 @@ def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
     def of_joints(form: str) -> Floats:
         return np.array([values.get(form.format(k), 0.0) for k in range(1, n + 1)])
 
-    sides = ("coulomb.j{}.plus", "coulomb.j{}.minus", "viscous.j{}.plus", "viscous.j{}.minus")
     ratio = np.array([values[f"gain_ratio.{k}.{k + 1}"] for k in range(1, n)])
     x, y, mass = (of_joints(f"gravity.l{{}}.{part}") for part in ("x", "y", "mass"))
-    friction = Friction(*map(of_joints, sides))
-    bare = replace(drawn, friction=friction, noise=Noise(noise, level_share=share), inertia=np.zeros(n), seed=None)
+    bare = replace(
+        drawn,
+        friction=Friction(
+            *map(of_joints, ("coulomb.j{}.plus", "coulomb.j{}.minus", "viscous.j{}.plus", "viscous.j{}.minus"))
+        ),
+        noise=Noise(noise, level_share=share),
+        inertia=np.zeros(n),
+        seed=None,
+    )
     truth = replace(bare.with_constants(Constants(x, y, mass, ratio)), breakaway=np.full(n, BREAKAWAY))
     sentences = [
         f"Parameters as of the earlier model; noise as its runs had it, {', '.join(number(s, 2) for s in noise)} A a"
@@ -132,7 +144,6 @@ def robot_of_estimate(robot: Robot, estimate: Estimate) -> Prior:
 RATE, _POINTS = 100.0, 48
 #: Scaled information below this is rounding; ridge on it.
 _BLIND, _RIDGE = 1e-11, 1e-9
-_FRICTION = (("coulomb", "plus"), ("viscous", "plus"), ("coulomb", "minus"), ("viscous", "minus"))
 
 
 def gravity_names(robot: Robot, structure: Structure | None = None) -> tuple[str, ...]:
@@ -146,14 +157,20 @@ def gravity_names(robot: Robot, structure: Structure | None = None) -> tuple[str
 
 def absent_names(structure: Structure) -> dict[str, str]:
     """Name -> why no run on this arm can show it."""
-    ratios = {f"gain_ratio.{i}.{j}": why for (i, j), why in structure.redundant.items()}
-    return {**structure.absent, **ratios}
+    return {**structure.absent, **{f"gain_ratio.{i}.{j}": why for (i, j), why in structure.redundant.items()}}
 
 
 def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:
     """Gravity parameters and ratios `names`, then the friction of every joint."""
-    friction = (f"{effect}.j{joint.number}.{side}" for joint in robot.joints for effect, side in _FRICTION)
-    return (*names, *friction)
+    return (
+        *names,
+        *(
+            f"{effect}.j{joint.number}.{side}"
+            for joint in robot.joints
+            for side in ("plus", "minus")
+            for effect in ("coulomb", "viscous")
+        ),
+    )
 
 
 def gravity_slopes(truths: Sequence[Truth], *, joint: int, holds: Floats, names: Sequence[str]) -> Floats:
@@ -215,16 +232,18 @@ def run_information(truths: Sequence[Truth], motions: Sequence[Motion], names: S
         moments = np.stack([run_moments(ends, seconds, truth.noise, joint=joint) for truth in truths])
         slopes = gravity_slopes(truths, joint=joint, holds=holds, names=names)[:, posture]
         signed = np.array([np.sign(motions[k].end - motions[k].start) * motions[k].velocity for k in rows])
-        sides = np.column_stack([signed > 0, np.maximum(signed, 0.0), signed < 0, np.minimum(signed, 0.0)])
         friction = np.zeros((count, len(rows), 3, 4))
-        friction[..., 2, :] = sides
+        friction[..., 2, :] = np.column_stack(
+            [signed > 0, np.maximum(signed, 0.0), signed < 0, np.minimum(signed, 0.0)]
+        )
         design = np.concatenate([slopes, friction], axis=-1)
         squares = np.swapaxes(design, -1, -2) @ moments[:, number] @ design
         columns = np.append(np.arange(len(names)), len(names) + 4 * (joint - 1) + np.arange(4))
         places = (width**2 * np.arange(count)[:, None, None] + width * columns[:, None] + columns).ravel()
         index = np.tile(places, len(rows)), len(places) * np.arange(len(rows) + 1)
-        shape = (len(rows), count * width**2)
-        parts.append(sparse.csr_array((np.swapaxes(squares, 0, 1).ravel(), *index), shape=shape))
+        parts.append(
+            sparse.csr_array((np.swapaxes(squares, 0, 1).ravel(), *index), shape=(len(rows), count * width**2))
+        )
         parts[-1].eliminate_zeros()  # a joint's runs tell nothing of inner links
         order += rows
     return sparse.csr_array(sparse.vstack(parts, format="csr")[np.argsort(order)])
@@ -257,9 +276,13 @@ class CandidateInformation:
 
     def only(self, candidates: Counts) -> "CandidateInformation":
         """These candidates."""
-        blocks = tuple(self.blocks[k] for k in candidates.tolist())
-        posture, seconds = self.posture[candidates], self.seconds[candidates]
-        return replace(self, blocks=blocks, posture=posture, seconds=seconds, squares=self.squares[candidates])
+        return replace(
+            self,
+            blocks=tuple(self.blocks[k] for k in candidates.tolist()),
+            posture=self.posture[candidates],
+            seconds=self.seconds[candidates],
+            squares=self.squares[candidates],
+        )
 
 
 def candidate_information(
@@ -268,8 +291,10 @@ def candidate_information(
     """What candidates tell G prior robots of the gravity parameters and ratios `names`, and of all friction."""
     robot = truths[0].robot
     standing = (0.0,) * robot.n_joints
-    ways = {block.sweeps for block in blocks}
-    lasting = {part: duration(robot, Plan(robot.name, Block(standing, part).motions)) for part in ways}
+    lasting = {
+        part: duration(robot, Plan(robot.name, Block(standing, part).motions))
+        for part in {block.sweeps for block in blocks}
+    }
     runs = [block.motions for block in blocks]
     owner = np.repeat(np.arange(len(blocks)), [len(part) for part in runs])
     squares = run_information(truths, [motion for part in runs for motion in part], names)
@@ -288,8 +313,7 @@ def standard_errors(names: Sequence[str], information: Floats) -> dict[str, floa
     """Name -> predicted standard error (SI) by the information (p, p), without parameters that it does not show."""
     size = np.sqrt(np.diag(information))
     seen_at = np.flatnonzero(size > 0)
-    scaled = information[np.ix_(seen_at, seen_at)] / np.outer(size[seen_at], size[seen_at])
-    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = np.linalg.eigh(information[np.ix_(seen_at, seen_at)] / np.outer(size[seen_at], size[seen_at]))
     blind = values < _BLIND * max(values.max(initial=0.0), 1.0)
     shows = ~np.any(np.abs(vectors[:, blind]) > 1e-4, axis=1)
     errors = np.sqrt(vectors[:, ~blind] ** 2 @ (1.0 / values[~blind])) / size[seen_at]
@@ -466,8 +490,7 @@ class Exchange:
         top = np.flatnonzero(fits)
         top = top[np.argsort(-rounded(rate[top]), kind="stable")[:_EVALUATED]]
         more = self.candidates.information(counts) + self.candidates.each(top)
-        gain = (self.value(counts) - self.criterion.value(more)) / costs[top]
-        return int(top[np.argmax(rounded(gain))])
+        return int(top[np.argmax(rounded((self.value(counts) - self.criterion.value(more)) / costs[top]))])
 
 
 def _changed(counts: Counts, candidate: int, by: int) -> Counts:

@@ -125,8 +125,9 @@ class Planner:
             # Runs for judging have speeds, and where there are enough a posture, that no fitted run has.
             between = (math.sqrt(shares[0] * shares[1]), math.sqrt(shares[-2] * shares[-1]))
             holds = np.array([part[0].hold for part in parts[POSTURES:] or parts])
-            ways = sweeps(self.robot, joint, speeds(self.robot, joint, between))
-            if judged := free_blocks(self.collision, holds, ways):
+            if judged := free_blocks(
+                self.collision, holds, sweeps(self.robot, joint, speeds(self.robot, joint, between))
+            ):
                 hold = judged[-1].hold
                 chosen = {block.sweeps[0].speed: block.sweeps[0] for block in judged[::-1] if block.hold == hold}
                 self.judging.append(Block(hold, tuple(chosen.values()), "heldout"))
@@ -193,8 +194,7 @@ class Planner:
     def _free(self, joint: int, shares: Sequence[float], rng: np.random.Generator) -> list[list[Block]]:
         """Candidates of a joint in each of many postures in which it can run."""
         count, robot = max(_DRAWN, (self.postures or 0) + 1), self.robot
-        drawn = count if self.collision.is_free else _MORE * count
-        holds = postures(robot, joint, count=drawn, rng=rng)
+        holds = postures(robot, joint, count=count if self.collision.is_free else _MORE * count, rng=rng)
         ways = sweeps(robot, joint, speeds(robot, joint, shares))
         parts = [free_blocks(self.collision, hold[None], ways) for hold in holds]
         if free := [part for part in parts if part]:
@@ -214,8 +214,7 @@ class Planner:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
         whole = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
         optimum = continuous_design(self.candidates, whole, budget)
-        errors = whole.errors(self.candidates.information(optimum.counts))
-        counted = np.median(errors, axis=0) <= self.sizes
+        counted = np.median(whole.errors(self.candidates.information(optimum.counts)), axis=0) <= self.sizes
         self.criterion = replace(whole, counted=counted | (not counted.any()))
         return optimum if counted.all() else continuous_design(self.candidates, self.criterion, budget)
 
@@ -294,11 +293,11 @@ class Planner:
                     ways = tuple(table.blocks[k].sweeps[0] for k in np.repeat(places, times))
                     blocks.append(Block(table.blocks[places[0]].hold, ways))
             orders.append(blocks)
-        rng = np.random.default_rng([self.seed, 4])
-        motions = schedule(self.robot, orders, collision=self.collision, rng=rng)
+        motions = schedule(self.robot, orders, collision=self.collision, rng=np.random.default_rng([self.seed, 4]))
         bare = Plan(self.robot.name, motions, tuple(self._reasons(table, counts)), seed=self.seed)
-        efficiency = math.exp(optimum.bound - exchange.value(counts))
-        return replace(bare, duration=duration(self.robot, bare), efficiency=efficiency)
+        return replace(
+            bare, duration=duration(self.robot, bare), efficiency=math.exp(optimum.bound - exchange.value(counts))
+        )
 
     def _reasons(self, candidates: CandidateInformation, counts: Counts) -> Iterator[Posture]:
         """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
@@ -321,8 +320,9 @@ class Planner:
                     why = f"{label} carries no weight that can be told from friction: its runs are for friction"
                 elif parts:
                     why = f"without it the error of {', '.join(parts)}"
-                hold = candidates.blocks[int(np.argmax(is_here))].hold
-                yield Posture(joint.number, hold, tuple(name for _, name in rises), why)
+                yield Posture(
+                    joint.number, candidates.blocks[int(np.argmax(is_here))].hold, tuple(name for _, name in rises), why
+                )
             why = f"{label} is judged here, at speeds that no fit uses"
             yield from (Posture(b.joint, b.hold, (), why) for b in self.judging if b.joint == joint.number)
 
@@ -401,13 +401,21 @@ def check_plan(
 
     Other parameters are those of `plan`.
     """
-    assumed = prior_robots(robot, estimate=prior, payload=payload, seed=seed)
-    planner = Planner(robot, seconds=duration(robot, given), prior=assumed, seed=seed, tell=tell)
+    planner = Planner(
+        robot,
+        seconds=duration(robot, given),
+        prior=prior_robots(robot, estimate=prior, payload=payload, seed=seed),
+        seed=seed,
+        tell=tell,
+    )
     checked = _with_forecast(given, planner, [*collision_notes(robot, given), *lack_notes(robot, given)])
     notes, absent = checked.notes, absent_names(planner.structure)
     if dark := [name for name in checked.unseen if name not in absent]:
-        mend = "add postures in which the outer links' load differs, or other speeds; compare with: pumaid plan"
-        notes = (*notes, Note("plan-dark", f"no run of this plan shows {', '.join(dark)}; {mend}"))
+        text = (
+            f"no run of this plan shows {', '.join(dark)}; add postures in which the outer links' load differs, or"
+            " other speeds; compare with: pumaid plan"
+        )
+        notes = (*notes, Note("plan-dark", text))
     return replace(checked, efficiency=planner.efficiency(checked.expected, checked.duration), notes=notes)
 
 
@@ -431,12 +439,17 @@ def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[s
     if minutes is not None and not 0.0 < minutes <= _LONGEST:
         faults.append((f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"))
     if shares is not None and len(set(shares)) < 3:
-        mend = "give three or more: fewer cannot tell whether friction grows evenly with speed"
-        faults.append((f"{len(set(shares))} different speeds are too few", mend))
+        faults.append(
+            (
+                f"{len(set(shares))} different speeds are too few",
+                "give three or more: fewer cannot tell whether friction grows evenly with speed",
+            )
+        )
     for share in shares or ():
         if not 0.0 < share <= 1.0:
-            mend = "give shares above 0 and at most 1, such as 0.1,0.3,0.8"
-            faults.append((f"{share:g} is no share of a top speed", mend))
+            faults.append(
+                (f"{share:g} is no share of a top speed", "give shares above 0 and at most 1, such as 0.1,0.3,0.8")
+            )
     for what, count in counts.items():
         if count is not None and not 1 <= count <= _MOST:
             faults.append((f"{count} {what} are out of range", f"give 1 to {_MOST}"))
@@ -452,11 +465,12 @@ def weight_notes(prior: Prior, promised: dict[str, float]) -> Iterator[Note]:
         return
     share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
     if share >= _WEAK:
-        text = (
+        yield Note(
+            "plan-needs-weight",
             f"{name} cannot be identified with the weight that this arm has: its predicted error is {number(share, 2)}"
-            f" times its value. A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload 0.5,{_LEVER:g},0,0"
+            f" times its value. A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload 0.5,{_LEVER:g},0,0",
+            Where(joint=n),
         )
-        yield Note("plan-needs-weight", text, Where(joint=n))
 
 
 def tilt_notes(planner: Planner) -> Iterator[Note]:
@@ -465,11 +479,12 @@ def tilt_notes(planner: Planner) -> Iterator[Note]:
     hidden = absent_names(planner.structure)
     if first is None or not np.any(planner.robot.gravity) or not any(f".l{first.number}." in name for name in hidden):
         return
-    text = (
+    yield Note(
+        "plan-needs-tilt",
         f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical. With"
-        " the base tilted by some 10 deg they can: plan and identify with a recipe whose gravity says so"
+        " the base tilted by some 10 deg they can: plan and identify with a recipe whose gravity says so",
+        Where(joint=first.number),
     )
-    yield Note("plan-needs-tilt", text, Where(joint=first.number))
 
 
 def unusable_notes(robot: Robot, given: Plan) -> Iterator[Note]:
@@ -481,12 +496,13 @@ def unusable_notes(robot: Robot, given: Plan) -> Iterator[Note]:
     for moving, places in sorted(lost.items()):
         joint = robot.joint(moving)
         unit = joint.position_unit
-        text = (
+        yield Note(
+            "plan-unusable",
             f"{len(places)} run(s) of joint {moving} ({joint.name}) will not be found in the logs: a run must go"
             f" over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is"
-            f" run {places[0]}. Give it more room (its limits in the recipe) or speed"
+            f" run {places[0]}. Give it more room (its limits in the recipe) or speed",
+            Where(joint=moving, field=f"runs[{places[0]}]"),
         )
-        yield Note("plan-unusable", text, Where(joint=moving, field=f"runs[{places[0]}]"))
 
 
 def collision_notes(robot: Robot, given: Plan) -> Iterator[Note]:
@@ -496,8 +512,7 @@ def collision_notes(robot: Robot, given: Plan) -> Iterator[Note]:
         if (hit := collision.first_hit(step.start, step.end)) is not None:
             way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
             joint = None if step.motion is None else step.motion.joint
-            text = f"{way} {step.number}: {hit}"
-            yield Note("plan-strikes", text, Where(joint=joint, field=f"runs[{step.number}]"))
+            yield Note("plan-strikes", f"{way} {step.number}: {hit}", Where(joint=joint, field=f"runs[{step.number}]"))
 
 
 def lack_notes(robot: Robot, given: Plan) -> Iterator[Note]:
@@ -518,8 +533,9 @@ def lack_notes(robot: Robot, given: Plan) -> Iterator[Note]:
         ]
         faults = [text for text, is_lacking in lacks if is_lacking] if runs else ["it never runs"]
         if faults:
-            text = f"joint {joint.number} ({joint.name}): {'; '.join(faults)}"
-            yield Note("plan-lacks", text, Where(joint=joint.number))
+            yield Note(
+                "plan-lacks", f"joint {joint.number} ({joint.name}): {'; '.join(faults)}", Where(joint=joint.number)
+            )
 
 
 def conditions(robot: Robot) -> Iterator[str]:

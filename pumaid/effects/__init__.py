@@ -5,7 +5,6 @@ import importlib
 import pkgutil
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from pumaid.effects.base import NO_SHAPE, Effect, Extent, Family, Parameter, Scope, Shape, Trace, load_refusal
 from pumaid.effects.formula import Loads, Samples
@@ -36,7 +35,7 @@ _INCLUDED: dict[Path, Effect] = {}
 @functools.cache
 def catalogue() -> Mapping[str, Effect]:
     """Every effect by its name: this folder's, and those of files that were included."""
-    return MappingProxyType(_built_in() | {effect.name: effect for effect in _INCLUDED.values()})
+    return _built_in() | {effect.name: effect for effect in _INCLUDED.values()}
 
 
 def include(path: Path) -> Effect:

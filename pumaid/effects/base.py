@@ -251,8 +251,7 @@ class Effect:
         """
         owner = number or (0 if self.scope is Scope.ARM else samples.joint)
         names = tuple(parameter.name for parameter in self.parameters(robot, owner))
-        formula = self.formula_in(robot, owner, samples.joint)
-        return columns(formula, names, shape, motion=(robot, samples, owner))
+        return columns(self.formula_in(robot, owner, samples.joint), names, shape, motion=(robot, samples, owner))
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         """Signs that the parameters have if it is this physics, with this shape; () where `parameters` says them."""
@@ -293,8 +292,7 @@ def load_refusal(robot: Robot, joint: int, *, must_change: bool = False) -> str 
     With `must_change`, a load that is the same in every posture does not count either.
     """
     rng = np.random.default_rng(0)
-    position = rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints))
-    z = robot.rotations(position)[:, joint - 1, :, 2]
+    z = robot.rotations(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints)))[:, joint - 1, :, 2]
     g = np.asarray(robot.gravity, dtype=float)
     small = ROUNDING * float(np.linalg.norm(g))
     if robot.joint(joint).is_revolute:

@@ -26,12 +26,20 @@ class Coupling(Effect):
     only_loaded = True
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        meaning = "number of the joint whose current changes"
-        other = 1.0 if number != 1 else 2.0
         # A drive passes through the joints before its own: those are the motors that can carry it.
         before = tuple(float(i) for i in reversed(range(1, number)))
-        last = float(max(robot.n_joints, 2))
-        return (Shape("on", "1", meaning, 1.0, last, other, is_searched=False, starts=before),)
+        return (
+            Shape(
+                "on",
+                "1",
+                "number of the joint whose current changes",
+                low=1.0,
+                high=float(max(robot.n_joints, 2)),
+                example=1.0 if number != 1 else 2.0,
+                is_searched=False,
+                starts=before,
+            ),
+        )
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         first = "joint 1 has no joint before it whose motor could carry its load"

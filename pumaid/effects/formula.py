@@ -38,8 +38,12 @@ FUNCTIONS = {
 
 #: Quantities made from the loads that a fit gives; and those that a posture and velocities determine, so that an
 #: exported model can have them.
-GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
-OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner", *GAMMAS})
+OF_LOADS = frozenset(
+    {
+        *("load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner"),
+        *("gamma_p", "gamma_x", "gamma_y", "gamma_z"),
+    }
+)
 OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "joint"}
 
 
@@ -121,10 +125,6 @@ def _unit_body(robot: Robot, samples: Samples) -> Floats:
     return np.asarray(felt * np.nan_to_num(loads_of(samples).gains[-1]))
 
 
-def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
-    return _unit_body(robot, samples)[:, part]
-
-
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
 QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "q": lambda robot, samples, owner: samples.position[:, samples.joint - 1],
@@ -147,7 +147,10 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "tilt_y": lambda robot, samples, owner: loads_of(samples).tilts[:, 1],
     "load_owner": _load_owner,
     "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
-    **{name: partial(_gamma, part=part) for part, name in enumerate(GAMMAS)},
+    "gamma_p": lambda robot, samples, owner: _unit_body(robot, samples)[:, 0],
+    "gamma_x": lambda robot, samples, owner: _unit_body(robot, samples)[:, 1],
+    "gamma_y": lambda robot, samples, owner: _unit_body(robot, samples)[:, 2],
+    "gamma_z": lambda robot, samples, owner: _unit_body(robot, samples)[:, 3],
 }
 
 
@@ -188,8 +191,7 @@ def names_in(formula: str) -> frozenset[str]:
 
 def filled(formula: str, values: Mapping[str, float | str]) -> str:
     """A formula with numbers (none rounded) or other names in place of names; products with zero and one are gone."""
-    tree = _Filler(values).visit(ast.parse(formula, mode="eval"))
-    return ast.unparse(ast.fix_missing_locations(tree))
+    return ast.unparse(ast.fix_missing_locations(_Filler(values).visit(ast.parse(formula, mode="eval"))))
 
 
 def at_rest(formula: str) -> tuple[str, str]:
@@ -226,8 +228,7 @@ class _Filler(ast.NodeTransformer):
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
         self.generic_visit(node)
-        is_zero = isinstance(node.operand, ast.Constant) and node.operand.value == 0.0
-        return node.operand if is_zero else node
+        return node.operand if isinstance(node.operand, ast.Constant) and node.operand.value == 0.0 else node
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         self.generic_visit(node)

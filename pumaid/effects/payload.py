@@ -29,8 +29,7 @@ class Payload(Effect):
     only_loaded = True
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        length = "m" if robot.joints[-1].is_revolute else "1"
-        mass, moment = ("A s2/m2", "A s2/m") if length == "m" else ("A s2/m", "A s2")
+        mass, moment = ("A s2/m2", "A s2/m") if robot.joints[-1].is_revolute else ("A s2/m", "A s2")
         felt = "in the last link's frame, times the last joint's gain"
         return (
             Parameter("mass", mass, "mass, times the last joint's gain", "m", 0.1),

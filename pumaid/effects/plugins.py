@@ -36,14 +36,16 @@ EXTENT = Extent(1, (0.1, 0.3, 1.0), (-1.5, 1.5), 0.05, 3.0, tuple(10.0 * k for k
 
 def effect_in(module: ModuleType) -> Effect:
     """The one effect that a module defines, else a ModelError [effect-file]."""
-    classes: list[type[Effect]] = [
-        member for member in vars(module).values() if inspect.isclass(member) and issubclass(member, Effect)
+    defined: list[type[Effect]] = [
+        member
+        for member in vars(module).values()
+        if inspect.isclass(member) and issubclass(member, Effect) and member.__module__ == module.__name__
     ]
-    defined = [member for member in classes if member.__module__ == module.__name__]
     if len(defined) != 1 or defined[0].__bases__ != (Effect,):
         names = ", ".join(member.__name__ for member in defined) or "none"
-        what = f"a file holds one class made from Effect, not {names}"
-        raise ModelError("effect-file", what, Where(file=module.__file__), _MEND)
+        raise ModelError(
+            "effect-file", f"a file holds one class made from Effect, not {names}", Where(file=module.__file__), _MEND
+        )
     return defined[0]()
 
 
@@ -52,8 +54,12 @@ def from_file(path: Path, *, taken: Mapping[str, Effect]) -> Effect:
     where = Where(file=str(path))
     if path.suffix != ".py" or not re.fullmatch(r"[a-z][a-z0-9_]*", path.stem) or not path.is_file():
         what = "there is no such file" if not path.is_file() else f"{path.name} is no name for an effect's file"
-        mend = "check the path; a file is called as its effect: lower case, digits and _, then .py"
-        raise ModelError("effect-file", what, where, mend)
+        raise ModelError(
+            "effect-file",
+            what,
+            where,
+            "check the path; a file is called as its effect: lower case, digits and _, then .py",
+        )
     if path.stem in taken or path.stem == "base":
         raise ModelError("effect-taken", f"there is an effect {path.stem} already", where, "give the file another name")
     spec = importlib.util.spec_from_file_location(f"pumaid_effect_files.{path.stem}", path)
@@ -63,8 +69,12 @@ def from_file(path: Path, *, taken: Mapping[str, Effect]) -> Effect:
         spec.loader.exec_module(module)
         effect = effect_in(module)
         if hasattr(effect, "sign"):
-            what = f"{effect.name}: a sign is stated of the class, where it is not read; parameters have signs"
-            raise ModelError("effect-contract", what, where, "write Parameter(..., sign=1)")
+            raise ModelError(
+                "effect-contract",
+                f"{effect.name}: a sign is stated of the class, where it is not read; parameters have signs",
+                where,
+                "write Parameter(..., sign=1)",
+            )
         fault = breach(effect, names={*taken, effect.name})
     except (KeyboardInterrupt, MemoryError, PumaidError):
         raise
@@ -84,8 +94,9 @@ def _words(failure: BaseException) -> str:
 def breach(effect: Effect, *, names: Collection[str]) -> str | None:
     """The first promise that an effect breaks, in words; None where it keeps all. `names` are those of all effects."""
     try:
-        faults = (fault for checks in _checks(effect, names) for fault, is_broken in checks.items() if is_broken)
-        return next(faults, None)
+        return next(
+            (fault for checks in _checks(effect, names) for fault, is_broken in checks.items() if is_broken), None
+        )
     except Exception as failure:
         forgot = not effect.needs_loads and isinstance(failure, AssertionError | AttributeError)
         hint = "; if it looks at samples.loads, write needs_loads = True" if forgot else ""

@@ -91,8 +91,9 @@ def commented(text: str) -> str:
 
 def title(subject: Subject) -> str:
     """A line: which arm, by which program."""
-    name = subject.formulas.robot.name
-    return commented(f"{name}: motor currents of gravity and friction, by pumaid {subject.version}.")
+    return commented(
+        f"{subject.formulas.robot.name}: motor currents of gravity and friction, by pumaid {subject.version}."
+    )
 
 
 def head(subject: Subject, left_out: tuple[Lack, ...], remarks: Sequence[str] = ()) -> list[str]:

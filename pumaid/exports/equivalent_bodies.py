@@ -115,8 +115,12 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
         elif mass <= last:
             beyond = f", and a slide beyond it carries {last:.4g} kg" if last else ""
             what = f"joint {joint} would carry {mass:.4g} kg{beyond}: no masses weigh that"
-            mend = "check the sign of its torque constant, or write a form without masses (c, python, json, matlab)"
-            raise ModelError("torque-constants", what, Where(joint=joint), mend)
+            raise ModelError(
+                "torque-constants",
+                what,
+                Where(joint=joint),
+                "check the sign of its torque constant, or write a form without masses (c, python, json, matlab)",
+            )
         out[i] = last = mass
     return out, said
 
@@ -151,8 +155,7 @@ def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats
     """Joints in which the bodies weigh something else than the model says, with how much."""
     robot = formulas.robot
     span = np.where(robot.is_revolute, np.pi, 0.5)
-    rng = np.random.default_rng(SEED)
-    position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
+    position = np.random.default_rng(SEED).uniform(-span, span, (POSTURES, robot.n_joints))
     wanted = formulas.weight(position) * torques
     off = gravity_load(robot, Links(masses, centres), position)[0] - wanted
     scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
@@ -182,8 +185,12 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
     are_numbers = all(math.isfinite(value) and value != 0.0 for value in constants.values())
     if not (is_complete and are_numbers and set(constants) <= set(range(1, joints + 1))):
         what = f"{text!r} is not one torque constant a joint, none of them zero, for {joints} joints"
-        mend = "write as many numbers as the arm has joints (k1,k2,...), or JOINT=NUMBER,... for some of them"
-        raise ModelError("torque-constants", what, Where(field="--torque-constants"), mend)
+        raise ModelError(
+            "torque-constants",
+            what,
+            Where(field="--torque-constants"),
+            "write as many numbers as the arm has joints (k1,k2,...), or JOINT=NUMBER,... for some of them",
+        )
     return constants
 
 

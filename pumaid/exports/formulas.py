@@ -114,8 +114,9 @@ class Formulas:
 
     def weight(self, position: Floats) -> Floats:
         """(N, J) A of gravity by the paper's model, by the model itself."""
-        model = Model.of_estimate(self.robot, self.estimate)
-        instants = _instants(model, self.estimate, position, np.ones_like(position))
+        instants = _instants(
+            Model.of_estimate(self.robot, self.estimate), self.estimate, position, np.ones_like(position)
+        )
         return np.column_stack([loads_of(samples).moving for samples in instants])
 
 

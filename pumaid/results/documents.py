@@ -116,8 +116,9 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
         entries = document if isinstance(document, dict) else {"kind": type(document).__name__}
         digest = digest_of(entries)
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, too many digits, too deep
-        what = f"{name} is not JSON, or breaks off: {str(error)[:80]}"
-        raise damaged(what, line=getattr(error, "lineno", None)) from None
+        raise damaged(
+            f"{name} is not JSON, or breaks off: {str(error)[:80]}", line=getattr(error, "lineno", None)
+        ) from None
     number = entries.get("format")
     if entries.get("kind") != kind:
         raise damaged(f"{name} is not a {kind}: its kind is {entries.get('kind')!r}", "kind")
@@ -238,10 +239,19 @@ def estimate_from(document: Mapping[str, Any]) -> Estimate:
     estimate: Estimate = record_from(Estimate, entries)
     notes, p = estimate.notes, len(estimate.names)
     if estimate.version != __version__:
-        text = f"the model was written by pumaid {estimate.version}, this is {__version__}; the format is the same"
-        notes = (*notes, Note("model-other-version", text))
-    blind = estimate.blind.reshape(p, -1) if p else np.zeros((0, 0))
-    return replace(estimate, covariance=estimate.covariance.reshape(p, p), blind=blind, notes=notes)
+        notes = (
+            *notes,
+            Note(
+                "model-other-version",
+                f"the model was written by pumaid {estimate.version}, this is {__version__}; the format is the same",
+            ),
+        )
+    return replace(
+        estimate,
+        covariance=estimate.covariance.reshape(p, p),
+        blind=estimate.blind.reshape(p, -1) if p else np.zeros((0, 0)),
+        notes=notes,
+    )
 
 
 def check_same_recipe(estimate: Estimate, robot: Robot) -> None:
@@ -264,5 +274,9 @@ def check_same_recipe(estimate: Estimate, robot: Robot) -> None:
     elif estimate.robot != robot.name:
         what = f"the model is of '{estimate.robot}', the recipe of '{robot.name}'"
     if what:
-        mend = "give the recipe that the model was made with by --recipe, or identify again with this one"
-        raise ModelError("model-other-recipe", what, Where(file=robot.origin or None), mend)
+        raise ModelError(
+            "model-other-recipe",
+            what,
+            Where(file=robot.origin or None),
+            "give the recipe that the model was made with by --recipe, or identify again with this one",
+        )

@@ -108,8 +108,12 @@ def restore(results: Path, number: int) -> Path:
     """
     paths = {rung.number: rung.path for ladder in read_history(results).ladders for rung in ladder.rungs}
     if number not in paths:
-        what = f"there is no model {number}; there are {', '.join(map(str, sorted(paths)))}"
-        raise ResultError("no-history", what, Where(file=str(results / FOLDER)), "see: pumaid history")
+        raise ResultError(
+            "no-history",
+            f"there is no model {number}; there are {', '.join(map(str, sorted(paths)))}",
+            Where(file=str(results / FOLDER)),
+            "see: pumaid history",
+        )
     with locked(results / FOLDER):
         _archive(results / CURRENT)
         write_file(results / CURRENT, paths[number].read_bytes())
@@ -154,8 +158,12 @@ def read_history(results: Path) -> History:
     """All models that a results folder keeps, by ladders; ResultError [no-history] where no model was archived."""
     entries, notes = _entries(results / FOLDER)
     if not entries:
-        mend = "'pumaid identify LOGS...' makes the first; each later one is kept beside it"
-        raise ResultError("no-history", f"no model was kept in {results / FOLDER}", Where(file=str(results)), mend)
+        raise ResultError(
+            "no-history",
+            f"no model was kept in {results / FOLDER}",
+            Where(file=str(results)),
+            "'pumaid identify LOGS...' makes the first; each later one is kept beside it",
+        )
     path, digest, why = results / CURRENT, "", "is not among the kept ones"
     try:
         digest = _read(path)[1]
@@ -163,15 +171,22 @@ def read_history(results: Path) -> History:
         why = "is missing" if error.slug == "file-not-readable" else "is damaged"
     current = next((entry.number for entry in entries if entry.digest == digest), None)
     if current is None:
-        text = f"the current model {path} {why}; the ladder ends at the last that was kept"
-        notes = [*notes, Note("model-not-kept", text, Where(file=str(path)))]
+        notes = [
+            *notes,
+            Note(
+                "model-not-kept",
+                f"the current model {path} {why}; the ladder ends at the last that was kept",
+                Where(file=str(path)),
+            ),
+        ]
     main = next((entry for entry in entries if entry.number == current), entries[-1])
     groups: dict[tuple[object, ...], list[Rung]] = {main.key: []}
     for entry in entries:
         group = groups.setdefault(entry.key, [])
         group.append(_placed(entry, group, current))
-    ladders = tuple(_ladder(group, main) for group in groups.values())
-    return History(str(results / FOLDER), ladders, current, tuple(notes))
+    return History(
+        str(results / FOLDER), tuple(_ladder(group, main) for group in groups.values()), current, tuple(notes)
+    )
 
 
 def ladder_of(model: Path) -> Ladder | None:
@@ -186,8 +201,12 @@ def ladder_of(model: Path) -> Ladder | None:
 def _read(path: Path) -> tuple[Estimate, str]:
     """A model file and its SHA-256; a pipe or device is refused, since reading it might never end."""
     if path.exists() and not path.is_file():
-        what = f"{path} is not a plain file"
-        raise ResultError("file-not-readable", what, Where(file=str(path)), "remove it from the results folder")
+        raise ResultError(
+            "file-not-readable",
+            f"{path} is not a plain file",
+            Where(file=str(path)),
+            "remove it from the results folder",
+        )
     return read_model(path), hashlib.sha256(path.read_bytes()).hexdigest()
 
 

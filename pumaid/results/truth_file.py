@@ -34,23 +34,27 @@ def as_json(truth: Truth, *, seed: int | None = None) -> dict[str, Any]:
     for j in np.flatnonzero(is_same & ~truth.robot.is_revolute):
         for side in ("plus", "minus"):
             values[f"coulomb.j{j + 1}.{side}"] += float(load[0, j])
-    entries = {
-        "seed": truth.seed if seed is None else seed,
-        "parameters": {name: float(f"{value:.{digits}g}") for name, value in values.items()},
-        "gain": truth.gain if has_masses else None,
-        "mass": truth.links.mass if has_masses else None,
-        "centre": truth.links.centre if has_masses else None,
-        "constants": {
-            part: [float(f"{value:.{digits}g}") for value in values] for part, values in asdict(truth.constants).items()
-        },
-        "friction": truth.friction,
-        "inertia": truth.inertia,
-        "breakaway": truth.breakaway,
-        "hidden": truth.hidden,
-        "noise": truth.noise,
-    }
-    content: dict[str, Any] = plain(heading("truth", robot=truth.robot) | entries)
-    return content
+    return dict(
+        plain(
+            heading("truth", robot=truth.robot)
+            | {
+                "seed": truth.seed if seed is None else seed,
+                "parameters": {name: float(f"{value:.{digits}g}") for name, value in values.items()},
+                "gain": truth.gain if has_masses else None,
+                "mass": truth.links.mass if has_masses else None,
+                "centre": truth.links.centre if has_masses else None,
+                "constants": {
+                    part: [float(f"{value:.{digits}g}") for value in values]
+                    for part, values in asdict(truth.constants).items()
+                },
+                "friction": truth.friction,
+                "inertia": truth.inertia,
+                "breakaway": truth.breakaway,
+                "hidden": truth.hidden,
+                "noise": truth.noise,
+            }
+        )
+    )
 
 
 def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
@@ -64,8 +68,10 @@ def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
         return ModelError("truth-wrong", what, Where(field=field), mend)
 
     if document.get("kind") != "truth" or document.get("format") != FORMAT:
-        what = f"the document's kind is {document.get('kind')!r} and its format {document.get('format')!r}"
-        raise wrong(what, mend="give a truth.json that pumaid simulate wrote")
+        raise wrong(
+            f"the document's kind is {document.get('kind')!r} and its format {document.get('format')!r}",
+            mend="give a truth.json that pumaid simulate wrote",
+        )
     n, has_masses = robot.n_joints, document.get("mass") is not None
     # Truths of earlier versions state no break-away friction.
     document = {"breakaway": [BREAKAWAY] * n, "hidden": [], **document}

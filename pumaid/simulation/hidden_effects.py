@@ -24,8 +24,6 @@ AMBIENT, WARMING_TIME, RISE = 25.0, 600.0, 30.0
 GREATEST = 1e9
 #: s; no current is logged later.
 LATEST = 1.0
-#: Significant digits of values that are not given.
-_DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +178,8 @@ def usual_values(joint: Mapping[str, float]) -> dict[str, dict[str, float]]:
             "torque_droop": {"a": 0.3 / (peak + c) ** 2},
             "saturation": {"limit": 0.75 * peak + c},
         }
-    return {name: {key: float(f"{v:.{_DIGITS}g}") for key, v in values.items()} for name, values in usual.items()}
+    # To four significant digits.
+    return {name: {key: float(f"{v:.4g}") for key, v in values.items()} for name, values in usual.items()}
 
 
 #: Name of the effect -> names of its values.
@@ -214,8 +213,12 @@ def delays(hidden: Sequence[Hidden], n_joints: int) -> Floats:
     """(J,) s by which each joint's current is stamped late; early, or later than `LATEST`, is refused (hide-wrong)."""
     late = values_of(hidden, "delay", "dt", n_joints=n_joints)
     if not np.all((late >= 0.0) & (late <= LATEST)):
-        what = f"a current cannot be logged {float(late[np.argmax(np.abs(late))]):g} s late"
-        raise ModelError("hide-wrong", what, Where(field="--hide delay"), f"give dt from 0 to {LATEST:g} s")
+        raise ModelError(
+            "hide-wrong",
+            f"a current cannot be logged {float(late[np.argmax(np.abs(late))]):g} s late",
+            Where(field="--hide delay"),
+            f"give dt from 0 to {LATEST:g} s",
+        )
     return late
 
 
@@ -233,8 +236,12 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has
     for effect in hidden:
         law, place = LAWS[effect.effect], Where(field=f"--hide {effect.effect}")
         if law.needs_masses and not has_masses:
-            what = f"the arm is known by its constants in amperes alone, and {effect.effect} needs its masses"
-            raise ModelError("hide-wrong", what, place, "leave out --truth table1")
+            raise ModelError(
+                "hide-wrong",
+                f"the arm is known by its constants in amperes alone, and {effect.effect} needs its masses",
+                place,
+                "leave out --truth table1",
+            )
         is_for_all, before = effect.joint is None and not law.is_of_arm, len(out)
         for joint in usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]:
             values = usual_values(joint)[effect.effect] | effect.values

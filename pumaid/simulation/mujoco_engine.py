@@ -75,8 +75,12 @@ def specification(truth: Truth, *, step: float = 0.001) -> Any:
     armature, dry = motors / truth.gain, truth.coulomb / np.abs(truth.gain)
     if np.any(armature < 0):
         j = int(np.argmin(armature)) + 1
-        what = f"inertia and gain of joint {j} have opposite signs"
-        raise ModelError("physics-wrong", what, Where(joint=j), "give both the sign with which the motor counts")
+        raise ModelError(
+            "physics-wrong",
+            f"inertia and gain of joint {j} have opposite signs",
+            Where(joint=j),
+            "give both the sign with which the motor counts",
+        )
     light = 1.0 if truth.given_constants is None else _LIGHT
     tensors = light * _tensors(truth) + _LEAST * np.eye(3)
     links: list[Attributes] = [
@@ -87,8 +91,7 @@ def specification(truth: Truth, *, step: float = 0.001) -> Any:
         {"frictionloss": size, "solref_friction": [2 * step, 1.0], "solimp_friction": _HARD} for size in dry
     ]
     beside = [{}] * len(rubs) if truth.robot.coupling else rubs
-    joints = [{"armature": size, **rub} for size, rub in zip(armature, beside, strict=True)]
-    spec, _ = chain(truth.robot, links, joints)
+    spec, _ = chain(truth.robot, links, [{"armature": size, **rub} for size, rub in zip(armature, beside, strict=True)])
     spec.option.timestep, spec.option.gravity = step, np.asarray(truth.gravity()) / light
     for k, row in enumerate(truth.robot.shaft_speeds if truth.robot.coupling else ()):
         shaft = spec.add_tendon(name=f"shaft{k + 1}", **rubs[k])
@@ -190,8 +193,7 @@ class RigidArm:
         """Let the motors' currents (J,), A, act for a step."""
         friction, v = self.truth.friction, self.shaft_velocity
         lost = self._uneven + friction.viscous_plus * np.maximum(v, 0.0) + friction.viscous_minus * np.minimum(v, 0.0)
-        torque = (current - lost - self._extra) / self._gain
-        self.data.qfrc_applied[:] = torque @ self._shafts
+        self.data.qfrc_applied[:] = ((current - lost - self._extra) / self._gain) @ self._shafts
         self._finish(self.model, self.data)
         self.state.time = self.state.time + self.step
         if self._payloads and self.state.time - np.min(self.state.first) > self._payloads[0]["time"]:

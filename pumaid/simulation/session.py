@@ -64,17 +64,25 @@ def simulate(
         While the logs are read: the controller does not hold this arm.
     """
     if not SLOWEST <= rate <= FASTEST:
-        mend = f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz"
-        raise ModelError("rate-impossible", f"a log cannot have {rate:g} samples a second", mend=mend)
+        raise ModelError(
+            "rate-impossible",
+            f"a log cannot have {rate:g} samples a second",
+            mend=f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz",
+        )
     n, mend = robot.n_joints, "take a plan made for this robot: pumaid plan"
     for number, motion in enumerate(plan.motions, start=1):
         if len(motion.hold) != n or not 1 <= motion.joint <= n or not 0.0 < motion.velocity < math.inf:
             of = f"joint {motion.joint} of {len(motion.hold)} at the speed {motion.velocity:g}"
-            what = f"run {number} of the plan moves {of}; {robot.name} has {n} joints, and speeds are positive"
-            raise ModelError("plan-misfit", what, Where(field=f"runs[{number}]"), mend)
+            raise ModelError(
+                "plan-misfit",
+                f"run {number} of the plan moves {of}; {robot.name} has {n} joints, and speeds are positive",
+                Where(field=f"runs[{number}]"),
+                mend,
+            )
     truth = draw(robot, seed) if truth is None else truth
-    session = _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature)
-    return session.logs(runs_per_file, has_velocity=has_velocity)
+    return _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature).logs(
+        runs_per_file, has_velocity=has_velocity
+    )
 
 
 class Controller:
@@ -104,8 +112,7 @@ class Controller:
         shortest = FEWEST * self._period
         unrest = np.abs(SHARE * inertia) * np.sqrt(1.0 / 6.0) / (self._counts * self._period)
         calm = np.maximum(CALM / np.maximum(unrest, 1e-12) - K_D, 1e-6)
-        averaged = np.clip(2.0 / calm, shortest, max(LONGEST, shortest))
-        share = np.minimum(1.0, self._period / averaged)
+        share = np.minimum(1.0, self._period / np.clip(2.0 / calm, shortest, max(LONGEST, shortest)))
         self._level, self._trend = 1.0 - (1.0 - share) ** 2, share**2
 
     def start(self, position: Floats, current: Floats) -> None:
@@ -193,8 +200,12 @@ class _Session:
             if far.any():
                 k, j = np.argwhere(far)[0].tolist()
                 what = f"joint {j + 1} ({truth.robot.joint(j + 1).name}) ran away at {time[k]:.3g} s of {origin}"
-                mend = "make smaller what is out of proportion: hidden effects, coupling, or an edited truth"
-                raise ModelError("simulation-diverged", what, Where(joint=j + 1), mend)
+                raise ModelError(
+                    "simulation-diverged",
+                    what,
+                    Where(joint=j + 1),
+                    "make smaller what is out of proportion: hidden effects, coupling, or an edited truth",
+                )
             arm = ArmState(time, self._first, position, velocity, *[np.zeros_like(current)] * 3)
             joints = [JointState(arm, j + 1, 1.0) for j in range(n)]
             bent = [acted(truth.hidden, joint, Kind.CURRENT, current=current[:, joint.joint - 1]) for joint in joints]
@@ -221,8 +232,10 @@ class _Session:
         ticks = self._ticks
         targets, limits = controller.limits(movement, count * ticks)
         # Tuned for where the arm is lightest: too large a J swings, too small a one only lags.
-        way = np.linspace(movement.start, movement.end, 5)
-        controller.tune(self._truth.gain * np.min([arm.felt_inertia(place) for place in way], axis=0))
+        controller.tune(
+            self._truth.gain
+            * np.min([arm.felt_inertia(place) for place in np.linspace(movement.start, movement.end, 5)], axis=0)
+        )
         out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
         currents[0] = controller.current
         warming = -np.expm1(-arm.step / WARMING_TIME) if self._has_temperature else 0.0
@@ -284,8 +297,9 @@ class Bench:
             if len(local) < _FEWEST:
                 joint = movement.motion.joint if movement.motion else None
                 what = f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {rate:g} Hz)"
-                mend = "widen its span, lower its velocity or raise the rate"
-                raise ModelError("run-too-short", what, Where(joint=joint), mend)
+                raise ModelError(
+                    "run-too-short", what, Where(joint=joint), "widen its span, lower its velocity or raise the rate"
+                )
             edges = np.linspace(0, len(local), max(1, min(bins, len(local) // 2)) + 1).astype(np.int64)
             run = constant_run(movement, local, np.diff(edges), start=start, first_row=self.samples + 2)
             if truth.hides("thermal_friction"):

@@ -12,8 +12,6 @@ TABLE_GRAVITY = 9.8
 _DEG = factor("deg")
 
 _NAMES = ("waist", "shoulder", "elbow", "wrist roll", "wrist pitch", "flange")
-#: eta_1/eta_2 acts on nothing (joint 1 is parallel to gravity) and is not in the table; 1 stands in.
-_RATIO = (1.0, -0.5745, 0.10676, 0.14463, 2e-06)
 #: Of each joint: alpha (deg), a, d (m); k*_x, k*_y as printed; Coulomb friction forward and backward (A), viscous
 #: friction forward and backward (A s/deg); standard deviation (A).
 _ALPHA_DEG, _A, _D, _K_X, _K_Y, _COULOMB_PLUS, _COULOMB_MINUS, _VISCOUS_PLUS, _VISCOUS_MINUS, _STD = np.array(
@@ -27,9 +25,6 @@ _ALPHA_DEG, _A, _D, _K_X, _K_Y, _COULOMB_PLUS, _COULOMB_MINUS, _VISCOUS_PLUS, _V
     ]
 ).T
 
-#: Steps of the current sensor (A) and of the encoders (counts a rad): well below the noise.
-_CURRENT_STEP, _COUNTS = 0.0005, 1e5
-
 _ARM = (0, -90, 90, 0, 0, 0)
 _WRIST = (0, -90, 0, 0, 0, 0)
 #: joint -> its postures, deg.
@@ -41,24 +36,24 @@ _POSTURES_DEG: dict[int, tuple[tuple[int, ...], ...]] = {
     5: (_WRIST, (0, -90, 0, 0, 0, 90)),
     6: (_WRIST,),
 }
-_SPEEDS_DEG_S = (30, 40, 50, 60, 70)
-_SPAN_DEG = 125
 
 
 def robot() -> Robot:
     """The PUMA 560 of the paper, without limits (the experiment turned every joint over -125..125 deg)."""
-    joints = tuple(
-        Joint(
-            number=i + 1,
-            name=_NAMES[i],
-            kind="revolute",
-            alpha=float(_ALPHA_DEG[i]) * _DEG,
-            a=float(_A[i]),
-            d=float(_D[i]),
-        )
-        for i in range(6)
+    return Robot(
+        name="PUMA 560",
+        joints=tuple(
+            Joint(
+                number=i + 1,
+                name=_NAMES[i],
+                kind="revolute",
+                alpha=float(_ALPHA_DEG[i]) * _DEG,
+                a=float(_A[i]),
+                d=float(_D[i]),
+            )
+            for i in range(6)
+        ),
     )
-    return Robot(name="PUMA 560", joints=joints)
 
 
 def puma560() -> Truth:
@@ -72,8 +67,11 @@ def puma560() -> Truth:
     S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators", Table I.
     """
     friction = Friction(_COULOMB_PLUS, _COULOMB_MINUS, _VISCOUS_PLUS / _DEG, _VISCOUS_MINUS / _DEG)
-    given = Constants(_K_X / TABLE_GRAVITY, _K_Y / TABLE_GRAVITY, np.zeros(6), np.array(_RATIO))
-    noise = Noise(_STD, current_step=_CURRENT_STEP, counts=np.full(6, _COUNTS))
+    # eta_1/eta_2 acts on nothing (joint 1 is parallel to gravity) and is not in the table; 1 stands in.
+    ratio = np.array([1.0, -0.5745, 0.10676, 0.14463, 2e-06])
+    given = Constants(_K_X / TABLE_GRAVITY, _K_Y / TABLE_GRAVITY, np.zeros(6), ratio)
+    # Steps of the current sensor (A) and of the encoders (counts a rad) are well below the noise.
+    noise = Noise(_STD, current_step=0.0005, counts=np.full(6, 1e5))
     inertia = np.array([0.12, 0.15, -0.06, -0.03, -0.03, -0.02])
     links, gain = links_of(robot(), given, inertia)
     return Truth(robot(), friction, noise, links, gain, inertia, np.full(6, BREAKAWAY), given_constants=given)
@@ -86,12 +84,15 @@ def experiment(replicates: int = 1) -> Plan:
         for joint, holds in _POSTURES_DEG.items()
         for hold in holds
     ]
-    end = _SPAN_DEG * _DEG
-    motions = [
-        Motion(posture.joint, posture.hold, -end * sign, end * sign, speed * _DEG)
-        for _ in range(replicates)
-        for posture in postures
-        for speed in _SPEEDS_DEG_S
-        for sign in (1, -1)
-    ]
-    return Plan(robot="PUMA 560", motions=tuple(motions), postures=tuple(postures))
+    end = 125 * _DEG
+    return Plan(
+        robot="PUMA 560",
+        motions=tuple(
+            Motion(posture.joint, posture.hold, -end * sign, end * sign, speed * _DEG)
+            for _ in range(replicates)
+            for posture in postures
+            for speed in (30, 40, 50, 60, 70)
+            for sign in (1, -1)
+        ),
+        postures=tuple(postures),
+    )

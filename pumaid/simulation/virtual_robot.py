@@ -316,8 +316,7 @@ class Truth:
         """What is usual of every joint: its number, friction (A), what a plan asks of it (SI), and its loads (A)."""
         robot, coulomb = self.robot, self.coulomb
         low, high = np.array([span(joint) for joint in robot.joints]).T
-        rng = np.random.default_rng(0)
-        postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
+        postures = low + np.random.default_rng(0).random((_POSTURES, robot.n_joints)) * (high - low)
         load, across = replace(self, hidden=()).carried(postures, np.zeros(_POSTURES))
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
         table = {
@@ -372,10 +371,9 @@ def draw(robot: Robot, seed: int) -> Truth:
     # Coulomb friction of 0.25 to 0.7 A and as much viscous current at the highest speed, each direction its own.
     coulomb = rng.uniform(0.25, 0.7, n)
     viscous = rng.uniform(0.25, 0.8, n) * coulomb / highest_speeds(robot)
-    uneven = rng.uniform(0.8, 1.2, (4, n))
     return Truth(
         robot=robot,
-        friction=Friction(*(sign * uneven * [coulomb, -coulomb, viscous, viscous])),
+        friction=Friction(*(sign * rng.uniform(0.8, 1.2, (4, n)) * [coulomb, -coulomb, viscous, viscous])),
         noise=Noise(std, current_step=0.001, counts=np.asarray(np.round(counts), dtype=float)),
         links=links,
         gain=gain,

@@ -413,8 +413,12 @@ def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
       pumaid demo my_demo --seed 7
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        what = f"{folder} is there already and is not empty"
-        raise ResultError("file-exists", what, Where(file=str(folder)), "name another folder: pumaid demo FOLDER")
+        raise ResultError(
+            "file-exists",
+            f"{folder} is there already and is not empty",
+            Where(file=str(folder)),
+            "name another folder: pumaid demo FOLDER",
+        )
     steps: list[dict[str, Any]] = []
     with progress("demo") as step:
         for done in _story(folder, robot=robot, seed=seed):

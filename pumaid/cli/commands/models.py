@@ -86,8 +86,12 @@ def segment(
 
         write_picture(picture, run_figure(dataset, robot, units))
     if as_json:
-        digests = {facts.name: facts.digest for facts in dataset.files}
-        document(documents.segments_document(dataset, robot), "segments", robot=robot, logs=digests)
+        document(
+            documents.segments_document(dataset, robot),
+            "segments",
+            robot=robot,
+            logs={facts.name: facts.digest for facts in dataset.files},
+        )
     elif as_csv:
         write_result(Path("-"), documents.frame_as(documents.runs_frame(dataset.runs, robot), "csv"))
     else:
@@ -283,8 +287,7 @@ def diagnose(
             remark(f"nothing was found that could be drawn: {picture} is not written")
     if plan is not None:
         _write_plan(plan, diagnosis, robot)
-    is_missing = bool(diagnosis.findings) or any(joint.verdict != "adequate" for joint in diagnosis.joints)
-    return check and is_missing
+    return check and (bool(diagnosis.findings) or any(joint.verdict != "adequate" for joint in diagnosis.joints))
 
 
 def _diagnosis(
@@ -322,5 +325,4 @@ def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     if not made.motions:
         remark(f"there is nothing that more runs would decide: {path} is not written")
         return
-    text = plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml")
-    write_result(path, text, "plan")
+    write_result(path, plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml"), "plan")

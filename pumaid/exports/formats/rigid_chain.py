@@ -57,11 +57,17 @@ def urdf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     robot, held = subject.formulas.robot, subject.bodies
     assert held is not None
     gravity = float(np.linalg.norm(robot.gravity))
-    lacks = [*weights_only(subject)]
-    lacks.append(Lack("size of gravity", f"set {gravity:.6g} m/s2 along -z in the program that reads it"))
+    lacks = [
+        *weights_only(subject),
+        Lack("size of gravity", f"set {gravity:.6g} m/s2 along -z in the program that reads it"),
+    ]
     if any(joint.limits is None or joint.max_velocity is None for joint in robot.joints):
-        reason = f"limits that the recipe does not give are written as {NO_LIMIT:g}; a joint that turns is continuous"
-        lacks.append(Lack("limits", reason))
+        lacks.append(
+            Lack(
+                "limits",
+                f"limits that the recipe does not give are written as {NO_LIMIT:g}; a joint that turns is continuous",
+            )
+        )
     left_out = (*lacks, Lack("effort", f"no current limit is known, so effort is written as {NO_LIMIT:g}"))
     root = ET.Element("robot", name=xml_name(robot.name))
     add(root, "link", name="world")
@@ -82,8 +88,7 @@ def urdf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
         size = held.inertias[i]
         add(inertial, "inertia", ixx=size, ixy="0", ixz="0", iyy=size, iyz="0", izz=size)
     remark = f"Gravity: 0 0 -{gravity!r} m/s2 in the world."
-    text = written(root, subject, left_out=left_out, remarks=(*held.remarks, remark))
-    return {".urdf": text}, left_out
+    return {".urdf": written(root, subject, left_out=left_out, remarks=(*held.remarks, remark))}, left_out
 
 
 def _joint(
@@ -111,8 +116,7 @@ def mjcf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     for i, joint in enumerate(robot.joints):
         name, place, turn = xml_name(joint.name), joint.frame[:3, 3], joint.frame[:3, :3]
         parent = add(parent, "body", name=f"link{joint.number}", pos=place, xyaxes=turn[:, :2].T)
-        size = [held.inertias[i]] * 3
-        add(parent, "inertial", pos=held.centres[i], mass=held.masses[i], diaginertia=size)
+        add(parent, "inertial", pos=held.centres[i], mass=held.masses[i], diaginertia=[held.inertias[i]] * 3)
         kind = "hinge" if joint.is_revolute else "slide"
         limits = {} if joint.limits is None else {"range": joint.limits}
         friction = {"frictionloss": held.friction[i], "damping": held.damping[i]}
@@ -120,8 +124,7 @@ def mjcf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
         add(actuators, "motor", name=name, joint=name, gear=held.torques[i])
     root.append(actuators)
     remark = "Motors take their current in A; their gear is the torque constant in N m/A (N/A)."
-    text = written(root, subject, left_out=left_out, remarks=(*held.remarks, remark))
-    return {".xml": text}, left_out
+    return {".xml": written(root, subject, left_out=left_out, remarks=(*held.remarks, remark))}, left_out
 
 
 FORMS = {"urdf": Form(urdf, has_bodies=True), "mjcf": Form(mjcf, has_bodies=True)}

@@ -40,13 +40,16 @@ class Language:
             "placed": robot.placements[:, :3, :3].reshape(-1, 9),
             "d": np.array([joint.d for joint in robot.joints]),
             "g": np.array(robot.gravity, dtype=float),
+            "moments": formulas.moments,
+            "ratios": formulas.ratios,
+            "felt": formulas.felt,
+            "coulomb": formulas.coulomb,
+            "viscous": formulas.viscous,
+            "shaft": formulas.shaft,
         }
-        fields = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")
-        tables |= {name: getattr(formulas, name) for name in fields}
         start, end, _ = self.brackets
-        terms = sorted(formulas.terms, key=lambda term: term.joint)
         kinds: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
-        for term in terms:
+        for term in sorted(formulas.terms, key=lambda term: term.joint):
             text = ast.unparse(_Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval")))
             kinds[term.is_friction].append({"joint": term.joint, "effect": term.effect, "text": text})
         values: dict[str, Any] = {name: self._table(table) for name, table in tables.items()} | {
