@@ -33,7 +33,8 @@ class ZeroOffset(Effect):
         if (upright := load_refusal(robot, joint)) is not None:
             return upright
         # A turn that moves no axis beyond the joint is one of first moments alone.
-        z = robot.rotations(np.random.default_rng(0).uniform(-np.pi, np.pi, (POSTURES, robot.n_joints)))[..., 2]
+        rng = np.random.default_rng(0)
+        z = robot.rotations(rng.uniform(-np.pi, np.pi, (POSTURES, robot.n_joints)))[..., 2]
         if float(np.abs(np.cross(z[:, joint - 1, None], z[:, joint - 1 :])).max()) > ROUNDING:
             return None
         beyond = "it is the last" if joint == robot.n_joints else "all joints beyond it are parallel to it"

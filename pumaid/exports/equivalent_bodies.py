@@ -155,7 +155,8 @@ def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats
     """Joints in which the bodies weigh something else than the model says, with how much."""
     robot = formulas.robot
     span = np.where(robot.is_revolute, np.pi, 0.5)
-    position = np.random.default_rng(SEED).uniform(-span, span, (POSTURES, robot.n_joints))
+    rng = np.random.default_rng(SEED)
+    position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
     wanted = formulas.weight(position) * torques
     off = gravity_load(robot, Links(masses, centres), position)[0] - wanted
     scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))

@@ -316,7 +316,8 @@ class Truth:
         """What is usual of every joint: its number, friction (A), what a plan asks of it (SI), and its loads (A)."""
         robot, coulomb = self.robot, self.coulomb
         low, high = np.array([span(joint) for joint in robot.joints]).T
-        postures = low + np.random.default_rng(0).random((_POSTURES, robot.n_joints)) * (high - low)
+        rng = np.random.default_rng(0)
+        postures = low + rng.random((_POSTURES, robot.n_joints)) * (high - low)
         load, across = replace(self, hidden=()).carried(postures, np.zeros(_POSTURES))
         load[:, np.max(np.abs(load), axis=0) < _NOTHING * (np.max(np.abs(load)) or 1.0)] = 0.0
         table = {
