@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25465,
-    "statements": 15185,
+    "lines": 25642,
+    "statements": 15068,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21943,
