@@ -8,7 +8,6 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, special
 
 from pumaid.dataset import Dataset
@@ -52,8 +51,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     present = {term.key for term in solved.model.effects}
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
     groups, excluded = {}, {}
-    tried = [effect for effect in effects or catalogue().values() if not effect.base and effect.periodic is None]
-    for effect in tried:
+    for effect in (x for x in effects or catalogue().values() if not x.base and x.periodic is None):
         for joint in owners.get(effect.scope, moving):
             why = None if joint is None else effect.applies(robot, joint)
             if why is not None:
@@ -149,10 +147,11 @@ def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
     Source: S.-K. Lin, eq. (35): acceleration feedback within the load compensator.
     """
     steady = [item for item in bins if not item.accelerates.any()]
-    speeds = [np.array(item.speeds) for item in steady]
-    widths = [2 if len(part) > MOST_SPEEDS else len(part) for part in speeds]
-    effects = [Expansion("settling", width, partial(_fading, part)) for width, part in zip(widths, speeds, strict=True)]
-    return tuple(EffectTerm(effect, item.joint, NO_SHAPE) for effect, item in zip(effects, steady, strict=True))
+    widths = [2 if len(item.speeds) > MOST_SPEEDS else len(item.speeds) for item in steady]
+    return tuple(
+        EffectTerm(Expansion("settling", width, partial(_fading, np.array(item.speeds))), item.joint, NO_SHAPE)
+        for width, item in zip(widths, steady, strict=True)
+    )
 
 
 def _fading(speeds: Floats, samples: Samples) -> Floats:
@@ -164,8 +163,6 @@ def _fading(speeds: Floats, samples: Samples) -> Floats:
         groups = np.eye(len(speeds))[np.abs(v[:, None] - speeds).argmin(axis=1)]
     return np.asarray(groups * fading[:, None])
 
-
-Complexes = NDArray[np.complex128]
 
 #: Lowest frequency looked at, in periods over the longest run: below, gravity and friction that vary with position
 #: absorb or mimic it.
@@ -206,7 +203,7 @@ class Spectrum:
 
     key: Key
     frequency: Floats
-    scores: Complexes
+    scores: np.ndarray
     information: Floats
     is_pieces: bool = False
 
@@ -286,7 +283,6 @@ def spectrum(
     usable, is_pieces = (lengths > 4) & (way > 0), len(bins.runs) < FEWEST_RUNS
     if not usable.any():
         return None
-    piece = _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run
     top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
     slow = fewest_periods / way.max()
     lowest = 2.0 * np.pi * (max(slow, A_PIECE * PIECES / way[usable].sum()) if is_pieces else slow)
@@ -298,8 +294,12 @@ def spectrum(
     frequency = frequency[in_range]
     if len(frequency) < 3:
         return None
-    back = noise.unwhiten(bins, white) * usable[bins.run]
-    shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=int(extent / step) + 2)
+    shared = _shared(
+        (q - low[usable].min()) / step,
+        noise.unwhiten(bins, white) * usable[bins.run],
+        piece=_pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run,
+        points=int(extent / step) + 2,
+    )
     turn = np.exp(1j * frequency * low[usable].min()) / np.sinc(0.5 * frequency * step / np.pi) ** 2 / scale
     scores = np.conj(fft.rfft(shared, n=points, axis=1)[:, in_range]) * turn
     information = np.zeros(len(frequency))

@@ -115,8 +115,11 @@ def budget(
     samples, square = float(bins.count.sum()), float(bins.count @ residual**2)
     if mean_square is None:
         mean_square = (square + float(bins.count @ bins.inside_left(bins.current - residual))) / samples
-    inside = max(mean_square * samples - square, 0.0)
-    search = _Decomposition(bins, residual, columns_of(bins, joint, load), inside=inside, is_fitted=is_fitted)
+    search = _Decomposition(
+        *(bins, residual, columns_of(bins, joint, load)),
+        inside=max(mean_square * samples - square, 0.0),
+        is_fitted=is_fitted,
+    )
     if mean_square > ROUNDING**2:
         search.run()
     strokes, speeds = bool(bins.accelerates.any()), len(bins.speeds)
@@ -149,7 +152,6 @@ def columns_of(bins: JointBins, joint: Joint, load: Floats | None) -> dict[Key, 
     samples, run = bins.samples, bins.run
     position, s = samples.position[:, bins.joint - 1], samples.direction[:, None]
     span = float(np.ptp(position)) or 1.0
-    share = (position - position.min()) / span
     speed = np.abs(samples.velocity[:, bins.joint - 1])
     v = (speed / (speed.max() or 1.0))[:, None]
     age = samples.time / (samples.time.max() or 1.0)
@@ -158,7 +160,8 @@ def columns_of(bins: JointBins, joint: Joint, load: Floats | None) -> dict[Key, 
         number[list(group)] = min(place, MOST_POSTURES)
     posture = np.asarray((number[run, None] == np.arange(number.max() + 1)).astype(float))
     by_speed = _half_waves(v[:, 0], SPEEDS)
-    smooth = np.polynomial.legendre.legvander(2.0 * share - 1.0, DEGREE if joint.is_revolute else SLIDING_DEGREE)[:, 1:]
+    share = 2.0 * (position - position.min()) / span - 1.0
+    smooth = np.polynomial.legendre.legvander(share, DEGREE if joint.is_revolute else SLIDING_DEGREE)[:, 1:]
     first = posture * 0.0
     if joint.is_revolute:
         turns = np.arange(1, HARMONICS + 1) * position[:, None]
@@ -168,18 +171,17 @@ def columns_of(bins: JointBins, joint: Joint, load: Floats | None) -> dict[Key, 
     clock = np.unique([run_of.clock for run_of in bins.runs], return_inverse=True)[1][run]
     ages = _centred(_half_waves(age, SLOW), bins.count, 2 * clock + (samples.direction > 0))
     measured, together = np.isfinite(samples.temperature), np.zeros(len(bins), np.int64)
-    degrees = np.where(measured, samples.temperature, 0.0)
-    warmth = _centred(degrees[:, None], bins.count * measured, together) * measured[:, None]
+    degrees = np.where(measured, samples.temperature, 0.0)[:, None]
+    warmth = _centred(degrees, bins.count * measured, together) * measured[:, None]
     posture = _centred(posture, bins.count, together)
     load = np.zeros(len(bins)) if load is None else load
     rise, way, size = bins.rises(load), bins.rises(position / span), np.abs(load).max() or 1.0
     slope = np.divide(rise, way, out=np.zeros(len(bins)), where=way != 0.0)
-    starts = s * np.exp(-samples.travel[:, None] / span / np.array(STARTS))
     out = {
         ("smooth", "position"): _centred(smooth, bins.count, run),
         ("smooth", "direction"): _centred(s * smooth, bins.count, run),
         ("smooth", "posture"): _centred(first, bins.count, run),
-        ("start", "travel"): _centred(starts, bins.count, run),
+        ("start", "travel"): _centred(s * np.exp(-samples.travel[:, None] / span / np.array(STARTS)), bins.count, run),
         ("odd", "direction"): s * v ** [0.0, 1.0],
         ("odd", "speed"): s * by_speed,
         ("odd", "posture"): s * posture,
@@ -256,11 +258,11 @@ class _Decomposition:
             if not passing:
                 return
             largest = max(passing, key=lambda portion: portion.square - cost * self._noise(portion.basis))
+            least = LEAST_RIPPLE if largest.key == RIPPLE else LEAST
             if largest.key == RIPPLE:
                 self.waves.append(largest.frequency)
             else:
                 del self.columns[largest.key]
-            least = LEAST_RIPPLE if largest.key == RIPPLE else LEAST
             if largest.square - self._noise(largest.basis) >= least * self.total:
                 self.residual = self.residual - largest.basis @ self._along(largest.basis)
                 self.basis = np.hstack([self.basis, largest.basis])
@@ -347,17 +349,19 @@ class _Decomposition:
         for portion in self.taken:
             within = min(portion.within, inside)
             inside -= within
-            square = max(portion.square - self._noise(portion.basis), 0.0)
-            explained[portion.key[0]] += (square + within) / samples
+            explained[portion.key[0]] += (max(portion.square - self._noise(portion.basis), 0.0) + within) / samples
         rest = max(total - sum(explained.values()), 0.0)
         level = float(np.mean(noise_of(self.bins, self.residual).level ** 2))
-        unassigned, chance = self._unassigned(level)
-        unassigned = min(unassigned, rest)
+        repeated, chance = self._unassigned(level)
+        unassigned = min(repeated, rest)
         shared = min(level if self.bins.pairs else 0.0, rest - unassigned)
-        causes = [self._cause(name, joint, explained[name]) for name in CAUSES]
-        noises = (BudgetPart("noise_shared", shared), BudgetPart("noise_inside", rest - unassigned - shared))
         is_more = unassigned > 0.0 and chance is not None and chance <= FALSE_ALARM
-        return (*noises, *causes, BudgetPart("unassigned", unassigned, chance, is_more))
+        return (
+            BudgetPart("noise_shared", shared),
+            BudgetPart("noise_inside", rest - unassigned - shared),
+            *(self._cause(name, joint, explained[name]) for name in CAUSES),
+            BudgetPart("unassigned", unassigned, chance, is_more),
+        )
 
     def _unassigned(self, level: float) -> tuple[float, float | None]:
         """A2 that repeats and has no name, with its chance; what may be noise or not in few runs, without repeats."""
@@ -423,8 +427,7 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     """
     check_same_recipe(estimate, robot)
     at_joints = predictions(estimate, dataset, robot)
-    digests = set(estimate.logs.values())
-    files = {facts.name for facts in dataset.files if facts.digest in digests}
+    files = {facts.name for facts in dataset.files if facts.digest in estimate.logs.values()}
     is_fitted = [not run.heldout and run.origin in files for run in dataset.runs]
     joints, scores = [], dict[int, RunScore]()
     for joint in robot.joints:

@@ -34,14 +34,14 @@ from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate
+from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.joint_bins import JointBins, at, distinct
+from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import held_out_otherwise
 from pumaid.results.documents import check_same_recipe, model_digest
 from pumaid.robot import Robot
-from pumaid.units import number
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.
 IDENTIFY = "pumaid identify LOGS"
@@ -52,14 +52,8 @@ TOGETHER = 0.95
 LISTED, PICTURES, STEADY = 5, 2, 12
 
 
-def sizes(candidate: EvaluatedCandidate) -> tuple[Size, ...]:
-    """Parameters of a candidate, by its score beside the model that it was tried on."""
-    covariance = pseudo_inverse(candidate.trial.information)[0] * candidate.on.scale
-    return _sizes(candidate.trial.added, candidate.on.model.robot, candidate.trial.sizes, covariance=covariance)
-
-
-def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats) -> tuple[Size, ...]:
-    """With standard errors; of two parameters of which only the sum or difference is known, that."""
+def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats) -> tuple[Size, ...]:
+    """An effect's parameters with standard errors; of two of which only the sum or difference is known, that."""
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     alone = tuple(
         Size(parameter.name, float(value), float(error), parameter.unit)
@@ -78,16 +72,12 @@ def _sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats
 
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
-    gain, transfer = 100.0 * candidate.gain, candidate.transfer
-    denied = "with it runs that were held out are predicted decidedly worse"
-    if transfer is not None and transfer.is_little:
-        share, error = (number(100.0 * part, 2) for part in (transfer.share, transfer.std_error))
-        denied = f"of what it adds to runs that were held out these show only {share} ± {error} %"
+    gain = 100.0 * candidate.gain
     instead = f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
     return {
         "chance": "chance alone makes something as good in these data",
         "heldout": "it does not predict runs that were left out any better",
-        "denied": denied,
+        "denied": "runs that were held out show too little of it, or are predicted decidedly worse with it",
         "worth": f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error",
         None: instead if better else f"it lowers the error by {gain:.2g} % and predicts runs that were left out",
     }[candidate.fault]
@@ -113,9 +103,6 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
 
 #: Bins over a span: narrow enough for the shapes of the catalogue, wide enough to hold several runs each.
 FINE, COARSE = 32, 16
-#: A smooth line of speed has so many points from this share of the slowest speed run to this of the fastest:
-#: look-alikes part below the slowest.
-POINTS, SLOWEST, FASTEST = 80, 0.4, 1.1
 #: Of a family of effects, the variable that shows it; a family that is not named is shown by what the effect itself
 #: adds.
 VARIABLES = {
@@ -130,15 +117,6 @@ VARIABLES = {
     Family.TEMPERATURE: "temperature",
     Family.CURRENT: "current",
 }
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Trial:
-    """An effect as it was fitted: `values` (p,) of its linear parameters, `misfit` (M,) A left with it."""
-
-    term: EffectTerm
-    values: Floats
-    misfit: Floats
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -163,11 +141,10 @@ class Axis:
         return np.minimum(np.floor(share * self.bins), self.bins - 1)
 
 
-def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Trial]) -> Curve:
+def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[tuple[EffectTerm, Floats]]) -> Curve:
     """Bin what is left before and after an effect is added, with the effect's own line and its rivals'.
 
-    A line is what adding the effect changes in the model, so that it runs through what is left before. Over speed it is
-    drawn between the speeds that were run, where rivals part; elsewhere at the bins.
+    A line is what adding the effect changes in the model at the bins, so that it runs through what is left before.
 
     Parameters
     ----------
@@ -178,36 +155,35 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[Tr
     before
         (M,) A left without the effect.
     trials
-        The effect found, then its rivals.
+        The effect found, then its rivals, each with (M,) A that is left with it.
 
     Returns
     -------
     curve
         A side for each direction of motion that was run.
     """
-    main, sides, lines = trials[0], [], []
-    axis = _axis(robot, samples, main, change=before - main.misfit)
+    (found, after), sides, lines = trials[0], [], []
+    axis = _axis(robot, samples, found, change=before - after)
     for way in (1, -1):
         label = np.where((samples.direction == way) & np.isfinite(axis.values), axis.labels(), np.nan)
         if np.isnan(label).all():
             continue
         places, mean = (_means(values, label, samples.run)[0] for values in (axis.values, before))
-        sides.append(Binned(way, places, mean, *_means(main.misfit, label, samples.run)))
-        for trial in trials:
-            change = _means(before - trial.misfit, label, samples.run)[0]
-            lines.append(_line(robot, samples, axis, trial, way=way, places=places, change=change))
-    names = [trial.term.effect.name for trial in trials]
+        sides.append(Binned(way, places, mean, *_means(after, label, samples.run)))
+        for term, misfit in trials:
+            lines.append(Line(term.effect.name, way, places, _means(before - misfit, label, samples.run)[0]))
+    names = [term.effect.name for term, _ in trials]
     lines.sort(key=lambda line: names.index(line.effect))
     return Curve(samples.joint, axis.variable, axis.unit, tuple(sides), tuple(lines), axis.period)
 
 
-def _axis(robot: Robot, samples: Samples, trial: Trial, *, change: Floats) -> Axis:
+def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -> Axis:
     """The variable in which an effect lives."""
-    column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, trial.term.effect
+    column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, term.effect
     position = samples.position[:, column]
     if isinstance(effect, Suspect) and samples.extra is not None:
         return Axis(effect.column, "", samples.extra[:, effect.place])
-    frequency = trial.term.shape.get(effect.periodic or "", 0.0)
+    frequency = term.shape.get(effect.periodic or "", 0.0)
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
@@ -243,30 +219,10 @@ def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, 
     return mean, error, runs.astype(float)
 
 
-def _line(
-    robot: Robot, samples: Samples, axis: Axis, trial: Trial, *, way: int, places: Floats, change: Floats
-) -> Line:
-    """A smooth line over speed where the effect is the joint's own, else the binned change itself."""
-    is_local = trial.term.joint in (None, samples.joint) and trial.term.effect.family is Family.SPEED
-    if axis.variable != "speed" or not is_local:
-        return Line(trial.term.effect.name, way, places, change)
-    grid = np.linspace(SLOWEST * places.min(), FASTEST * places.max(), POINTS)
-    rest = change - _law(robot, samples, trial, way=way, speeds=places)
-    # Coulomb and viscous friction give way when the effect comes in: by a straight line of speed, which the bins tell.
-    powers = np.arange(min(2, len(places)))
-    straight = np.linalg.lstsq(places[:, None] ** powers, rest, rcond=None)[0]
-    smooth = _law(robot, samples, trial, way=way, speeds=grid) + grid[:, None] ** powers @ straight
-    return Line(trial.term.effect.name, way, grid, smooth)
-
-
-def _law(robot: Robot, samples: Samples, trial: Trial, *, way: int, speeds: Floats) -> Floats:
-    """(G,) A that the effect alone adds at these speeds, everything else as in the cell of middle speed."""
-    ways = np.flatnonzero(samples.direction == way)
-    middle = int(ways[np.argsort(np.abs(samples.velocity[ways, samples.joint - 1]))[len(ways) // 2]])
-    still = at(samples, np.full(len(speeds), middle))
-    velocity = np.zeros_like(still.velocity)
-    velocity[:, samples.joint - 1] = way * speeds
-    return np.asarray(trial.term.linear(robot, replace(still, velocity=velocity)) @ trial.values)
+def _rmse_of(fit: Fit, unseen: Sequence[JointBins]) -> float:
+    """RMSE (A) of runs that no fit saw."""
+    squares = [bins.count @ (fit.at(bins).misfit ** 2 + bins.inside) for bins in unseen]
+    return float(np.sqrt(sum(squares) / sum(float(bins.count.sum()) for bins in unseen)))
 
 
 class DiagnosisBuilder:
@@ -276,21 +232,29 @@ class DiagnosisBuilder:
         self.search, self.robot = search, search.model.robot
         self.fits = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
-        self.limits = detection_limits(last.scan, last.family)
+        limits = detection_limits(last.scan, last.family).values()
+        self.limits = sorted(limits, key=lambda limit: (limit.effect, limit.joint or 0))
         acting = {joint for item in search.accepted for joint in item.after}
-        joints = [row.bins.joint for row in self.fits[0].joints]
         self.verdicts = {
-            joint: joint_verdict(self.fits[0], self.fits[-1], joint=joint, acting=joint in acting) for joint in joints
+            joint: joint_verdict(self.fits[0], self.fits[-1], joint=joint, acting=joint in acting)
+            for joint in self.fits[0].by_bin
         }
-        partial = [item for item in search.accepted if item.transfer and item.transfer.is_partial]
         self.refuted = {joint for item in search.denied for joint in item.after} - acting
-        self.refuted |= {joint for item in partial for joint in item.after}
+        self.refuted |= {
+            joint
+            for item in search.accepted
+            if item.transfer is not None and item.transfer.is_partial
+            for joint in item.after
+        }
 
     def finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
         """What to add, the `place`-th (from 0) that was found."""
         term, transfer = candidate.trial.added, candidate.transfer
         facts = self._facts(candidate, candidate.rivals)
-        facts["rmse_heldout_before"], facts["rmse_heldout_after"] = self._errors(place, candidate)
+        unseen = [bins for bins in self.search.heldout() if bins.joint in candidate.after]
+        if unseen:
+            fits = (self.fits[min(k, len(self.fits) - 1)] for k in (place, place + 1))
+            facts["rmse_heldout_before"], facts["rmse_heldout_after"] = (_rmse_of(fit, unseen) for fit in fits)
         rival, next_run = next((rival for rival in candidate.rivals if rival.on is candidate.on), None), None
         if rival is not None:
             from pumaid.diagnosis.discrimination import deciding  # loads the engine of collisions
@@ -302,8 +266,12 @@ class DiagnosisBuilder:
             # An effect of the whole arm moves gain ratios, which a score follows to first order only.
             index = keys.index(term.key)
             columns = [n for n in fit.columns_of(index) if fit.model.columns[n].shape is None]
-            covariance = fit.inverse[np.ix_(columns, columns)] * fit.scale
-            facts["sizes"] = _sizes(fit.model.effects[index], self.robot, fit.values[columns], covariance=covariance)
+            facts["sizes"] = sizes(
+                fit.model.effects[index],
+                self.robot,
+                fit.values[columns],
+                covariance=fit.inverse[np.ix_(columns, columns)] * fit.scale,
+            )
         return Finding(
             **facts,
             verdict=DOUBTFUL if transfer is not None and transfer.is_denied else ADD,
@@ -313,23 +281,12 @@ class DiagnosisBuilder:
             transfer=transfer,
         )
 
-    def _errors(self, place: int, candidate: EvaluatedCandidate) -> tuple[float | None, float | None]:
-        """RMSE (A) of runs that no fit saw, before and after addition `place`, in the joints where it acts."""
-        unseen = [bins for bins in self.search.heldout() if bins.joint in candidate.after]
-        if not unseen:
-            return (candidate.falls.before, candidate.falls.after) if candidate.falls is not None else (None, None)
-        samples, errors = sum(float(bins.count.sum()) for bins in unseen), []
-        for fit in (self.fits[min(k, len(self.fits) - 1)] for k in (place, place + 1)):
-            squares = [bins.count @ (fit.at(bins).misfit ** 2 + bins.inside) for bins in unseen]
-            errors.append(float(np.sqrt(sum(squares) / samples)))
-        return errors[0], errors[1]
-
     def _curve(self, candidate: EvaluatedCandidate, joint: int) -> Curve:
         row, drawn = candidate.on.by_bin[joint], []
         for item in (candidate, *candidate.rivals):
             residual = misfit_with(item.on, item.trial).get(joint)
             if residual is not None and len(residual) == len(row.misfit):
-                drawn.append(Trial(item.trial.added, item.trial.sizes, residual))
+                drawn.append((item.trial.added, residual))
         return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
     def joint(self, joint: int, floor: float | None) -> JointDiagnosis:
@@ -339,7 +296,6 @@ class DiagnosisBuilder:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
         row, shape = self.fits[0].by_bin[joint], self._shape(joint)
         split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=floor)
-        limits = sorted(self.limits.items(), key=lambda item: (item[0][0], item[0][1] or 0))
         return replace(
             judged,
             verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
@@ -347,7 +303,7 @@ class DiagnosisBuilder:
             budget={part.name: part.mean_square for part in split.parts},
             candidates=self._candidates(joint),
             unexplained=shape or judged.unexplained,
-            limits=tuple(limit for (_, place), limit in limits if place in (joint, None)),
+            limits=tuple(limit for limit in self.limits if limit.joint in (joint, None)),
             weakened=weakened(row.bins, self.search.runs),
         )
 
@@ -374,8 +330,7 @@ class DiagnosisBuilder:
 
     def _partner(self, candidate: EvaluatedCandidate) -> EvaluatedCandidate | None:
         """What was added of which it is a rival."""
-        accepted = self.search.accepted
-        return next((item for item in accepted if candidate.key in [rival.key for rival in item.rivals]), None)
+        return next((x for x in self.search.accepted if candidate.key in [rival.key for rival in x.rivals]), None)
 
     def _verdict(self, candidate: EvaluatedCandidate) -> str:
         if candidate.key in [item.key for item in self.search.accepted] and candidate.fault != "denied":
@@ -396,6 +351,7 @@ class DiagnosisBuilder:
         """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
         term, falls = candidate.trial.added, candidate.falls
         option = option_text(term.effect.name, term.joint, term.shape)
+        covariance = pseudo_inverse(candidate.trial.information)[0] * candidate.on.scale
         keys = [rival.key for rival in rivals if rival.key != term.key]
         names = [name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys]
         return {
@@ -407,7 +363,7 @@ class DiagnosisBuilder:
             "rmse_after": min(candidate.after.values(), default=None),
             "rmse_heldout_before": falls.before if falls else None,
             "rmse_heldout_after": falls.after if falls else None,
-            "sizes": sizes(candidate),
+            "sizes": sizes(term, self.robot, candidate.trial.sizes, covariance=covariance),
             "rivals": tuple(dict.fromkeys(names)),
             "command": option and f"{IDENTIFY} --add {option}",
         }
@@ -442,8 +398,12 @@ def diagnose(
     steady = Counter(run.joint for run in fitted if run.kind == CONSTANT)
     runs = [run for run in fitted if run.kind == CONSTANT or steady[run.joint] < STEADY]
     if not runs:
-        where = Where(file=dataset.files[0].name if dataset.files else None)
-        raise LogError("no-runs", "there is no run to diagnose", where, "see why with: pumaid segment LOGS --rejects")
+        raise LogError(
+            "no-runs",
+            "there is no run to diagnose",
+            Where(file=dataset.files[0].name if dataset.files else None),
+            "see why with: pumaid segment LOGS --rejects",
+        )
     search = Stepwise(
         Model.of_runs(robot, fitted),
         runs,

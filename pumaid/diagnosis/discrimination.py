@@ -160,8 +160,7 @@ def extended(base: Plan, sets: Sequence[tuple[str, NextRun]], robot: Robot) -> P
     for title, run in sets:
         often, why = run.repeats or 1, f"{title}: {run.text}"
         motions += run.motions * often
-        holds = dict.fromkeys((motion.joint, motion.hold) for motion in run.motions)
-        postures += [Posture(joint, hold, (), why) for joint, hold in holds]
+        postures += [Posture(*at, (), why) for at in dict.fromkeys((m.joint, m.hold) for m in run.motions)]
         times = f"made {often} times" if often > 1 else "made once"
         assumptions.append(f"A set of {len(run.motions)} runs, {times}, {why}.")
     longer = replace(base, motions=tuple(motions), postures=tuple(postures), assumptions=tuple(assumptions))
@@ -170,8 +169,11 @@ def extended(base: Plan, sets: Sequence[tuple[str, NextRun]], robot: Robot) -> P
 
 def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
     """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where none has."""
-    decided = [(item, item.next_run) for item in findings if item.next_run and item.next_run.motions]
-    sets = [(f"tells {item.effect} from {', '.join(item.rivals)}", run) for item, run in decided]
+    sets = [
+        (f"tells {item.effect} from {', '.join(item.rivals)}", item.next_run)
+        for item in findings
+        if item.next_run and item.next_run.motions
+    ]
     return extended(Plan(robot.name, ()), sets, robot)
 
 
@@ -265,8 +267,7 @@ class Separation:
         truth, sizes, statistic, rival = pair
         self.scale = (fit.square - statistic) / max(fit.size - fit.rank, 1)
         self.width, self.shapes = len(fit.inverse), len(rival)
-        cross = sum(row.jacobian.T @ _columns(fit, row, [truth]) for row in fit.joints)
-        turned = fit.inverse @ cross
+        turned = fit.inverse @ sum(row.jacobian.T @ _columns(fit, row, [truth]) for row in fit.joints)
         # Products of the columns [Jacobian, what is to be explained, rival's columns] of the data and each candidate.
         tables = [np.column_stack([r.jacobian, r.residual, _columns(fit, r, rival)]) for r in fit.joints]
         self.data = np.sum([table.T @ table for table in tables], axis=0)
@@ -274,8 +275,7 @@ class Separation:
         self.grams = np.zeros((count, *self.data.shape))
         for row, owner in runs:
             beyond = _columns(fit, row, [truth], is_ahead=True) - row.jacobian @ turned
-            rivals = _columns(fit, row, rival, is_ahead=True)
-            table = np.column_stack([row.jacobian, beyond @ sizes, rivals])
+            table = np.column_stack([row.jacobian, beyond @ sizes, _columns(fit, row, rival, is_ahead=True)])
             for candidate in np.unique(owner):
                 part = table[owner[row.bins.run] == candidate]
                 self.grams[candidate] = part.T @ part
@@ -309,8 +309,7 @@ def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bo
     if is_ahead and "time" in terms[0].shape:  # what changed at an instant that has passed stays changed
         long = np.full(len(samples), np.inf)
         samples = replace(samples, time=long, elapsed=long)
-    columns = np.hstack([term.linear(fit.model.robot, samples) for term in terms])
-    return row.noise.whiten(row.bins, columns)
+    return row.noise.whiten(row.bins, np.hstack([term.linear(fit.model.robot, samples) for term in terms]))
 
 
 def _best_set(
@@ -323,8 +322,11 @@ def _best_set(
     exchange algorithm for sets of two.
     """
     terms, robot = [truth for truth, *_ in pairs], fit.model.robot
-    moved = [r.bins.joint for r in fit.joints if any(np.any(t.linear(robot, r.bins.samples)) for t in terms)]
-    tables = [candidates(fit, joint) for joint in moved]
+    tables = [
+        candidates(fit, row.bins.joint)
+        for row in fit.joints
+        if any(np.any(term.linear(robot, row.bins.samples)) for term in terms)
+    ]
     tried = [candidate for table, _ in tables for candidate in table]
     new = frozenset(hold for _, holds in tables for hold in holds)
     waves = [

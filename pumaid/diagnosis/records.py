@@ -61,14 +61,9 @@ class Transfer:
         return 1.0 - self.share > DENIED * self.std_error
 
     @property
-    def is_little(self) -> bool:
-        """Whether they show decidedly less than half of it."""
-        return HALF - self.share > DENIED * self.std_error
-
-    @property
     def is_denied(self) -> bool:
         """Whether these runs show decidedly less than half of the effect, or are predicted decidedly worse."""
-        return self.is_little or self.lost > MOST_LOST
+        return HALF - self.share > DENIED * self.std_error or self.lost > MOST_LOST
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,8 +99,7 @@ def score_of(
     total, sizes, statistic = scores.sum(axis=0), np.zeros(len(size)), 0.0
     free = visible
     while len(free):
-        inverse = pseudo_inverse(information[np.ix_(free, free)])[0]
-        fitted = inverse @ total[free]
+        fitted = pseudo_inverse(information[np.ix_(free, free)])[0] @ total[free]
         wrong = fitted * signs[free] < 0.0
         if not wrong.any():
             sizes[free], statistic = fitted, float(total[free] @ fitted)
@@ -117,7 +116,7 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50-57, the score test; whitened, so of generalised least squares.
     """
     projector = Projector(solved)
-    tests = [test for group in tried.groups.values() for test in scores_at(projector, group)]
+    tests = (test for group in tried.groups.values() for test in scores_at(projector, group))
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
@@ -180,8 +179,7 @@ def scores_at(projector: Projector, terms: Sequence[EffectTerm]) -> list[ScoreTe
     for number, term in enumerate(terms):
         part = slice(number * width, (number + 1) * width)
         share = np.divide(np.diagonal(information[number]), raw[part], out=np.zeros(width), where=raw[part] > 0)
-        test = score_of(term, scores[:, part], information[number], share=share, signs=solved.signs(term))
-        out.append(test)
+        out.append(score_of(term, scores[:, part], information[number], share=share, signs=solved.signs(term)))
     return out
 
 
@@ -239,11 +237,19 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
     The wild cluster score bootstrap of P. Kline and A. Santos, J. Econometric Methods 1 (2012) 23-41, with the maximum
     over hypotheses of J. P. Romano and M. Wolf, Econometrica 73 (2005) 1237-1282, balanced as in their section 4.
     """
-    rng = np.random.default_rng(SEED)
-    signs = rng.choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
     scale, surprises = scan.solved.scale, dict[Key, Floats]()
-    for key, trials in groupby(scan.trials, key=lambda trial: trial.added.key):
-        surprises[key] = minus_log10_p(*_best(list(trials), signs, scale=scale))
+    for key, group in groupby(scan.trials, key=lambda trial: trial.added.key):
+        trials = list(group)
+        width = trials[0].width
+        total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), -1, width)
+        inverse = np.array([pseudo_inverse(trial.information)[0] for trial in trials])
+        if width > 1:
+            statistics = np.einsum("btw,twv,btv->bt", total, inverse, total, optimize=True)
+        else:  # of the sign that the physics does not allow nothing would be made
+            is_allowed = total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) >= 0.0
+            statistics = np.where(is_allowed, total[:, :, 0] ** 2 * inverse[:, 0, 0], 0.0)
+        surprises[key] = minus_log10_p(statistics.max(axis=1) / scale, width)
     runs = Projector(scan.solved).runs
     for waves in scan.spectra:
         best = waves.highest(signs[:, runs[waves.key[1] or 0]])
@@ -252,9 +258,8 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
         return SignFlips({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(drawn, BALANCED)) for key, drawn in surprises.items()}
     largest = np.max([drawn - handicaps[key] for key, drawn in surprises.items()], axis=0)
-    lone = frozenset[Key]()
-    if all(row.noise.from_replicates for row in scan.solved.joints):
-        lone = frozenset(key for key, trial in scan.best().items() if alike(trial.scores) < FEW)
+    is_repeated = all(row.noise.from_replicates for row in scan.solved.joints)
+    lone = frozenset(key for key, trial in scan.best().items() if is_repeated and alike(trial.scores) < FEW)
     return SignFlips(handicaps, np.sort(largest), lone)
 
 
@@ -262,19 +267,6 @@ def alike(scores: Floats) -> float:
     """How many runs that tell as much as one another would make scores (R, m) like these: by their fourth moment."""
     squares = np.sum(scores**2, axis=1)
     return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
-
-
-def _best(trials: Sequence[ScoreTest], signs: Floats, *, scale: float) -> tuple[Floats, int]:
-    """(B,) largest scaled statistic in each flip of one candidate's trials, and their width."""
-    width = trials[0].width
-    total = (signs @ np.concatenate([trial.scores for trial in trials], axis=1)).reshape(len(signs), -1, width)
-    inverse = np.array([pseudo_inverse(trial.information)[0] for trial in trials])
-    if width > 1:
-        statistics = np.einsum("btw,twv,btv->bt", total, inverse, total, optimize=True)
-    else:  # of the sign that the physics does not allow nothing would be made
-        is_allowed = total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) >= 0.0
-        statistics = np.where(is_allowed, total[:, :, 0] ** 2 * inverse[:, 0, 0], 0.0)
-    return statistics.max(axis=1) / scale, width
 
 
 #: Sign flips of pairs. Pairs below which nothing can be said.
@@ -307,8 +299,7 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats |
         for row, length in enumerate(LENGTHS):
             starts = np.arange(0, len(a), length)
             products[row, number] = float(np.add.reduceat(a, starts) @ np.add.reduceat(b, starts))
-    rng = np.random.default_rng(PAIR_SEED)
-    signs = rng.choice([-1.0, 1.0], size=(PAIR_FLIPS, len(pairs)))
+    signs = np.random.default_rng(PAIR_SEED).choice([-1.0, 1.0], size=(PAIR_FLIPS, len(pairs)))
     spread = np.sqrt(np.sum(products**2, axis=1)) + np.finfo(float).tiny
     flipped = (signs @ products.T / spread).max(axis=1)
     observed = float((products.sum(axis=1) / spread).max())
@@ -387,8 +378,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) 
         move = -inverse @ (J.T @ r)
         turned = inverse @ cross
         score = slope - C.T @ r - cross.T @ move
-        remaining = gram - C.T @ C - cross.T @ turned
-        alone = remaining[places[:, :, None], places[:, None, :]]
+        alone = (gram - C.T @ C - cross.T @ turned)[places[:, :, None], places[:, None, :]]
         fitted = np.einsum("kvw,kw->kv", _inverse(alone, units), score[places])
         best = int(np.argmax(np.sum(score[places] * fitted, axis=1)))
         place, sizes = places[best], fitted[best]
@@ -434,10 +424,7 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
     is_effect = np.isin(np.arange(len(last.inverse)), last.columns_of(place))
     held, sums = np.zeros_like(last.inverse), np.zeros((2, len(is_effect)))
     drawn2, shared = 0.0, 0.0
-    for bins in heldout:
-        if bins.joint not in last.by_bin:
-            continue
-        row = elsewhere(last, bins)
+    for row in (elsewhere(last, bins) for bins in heldout if bins.joint in last.by_bin):
         drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))
         held += row.jacobian.T @ row.jacobian
         sums += np.vstack([drawn, row.residual]) @ row.jacobian

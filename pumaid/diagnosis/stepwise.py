@@ -185,8 +185,10 @@ class Stepwise:
             return self._latest[1]
         fitted = self._unsized(added, noises)
         if noises is None or added:
-            searched = [term.searched(self.model.robot) for term in fitted.model.effects]
-            sized = [term.at({}, fitted.sizes(place).tolist()) for place, term in enumerate(searched)]
+            sized = [
+                term.searched(self.model.robot).at({}, fitted.sizes(place).tolist())
+                for place, term in enumerate(fitted.model.effects)
+            ]
             fitted = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
         fitted = loaded(fitted)
         if noises is None:
@@ -203,8 +205,9 @@ class Stepwise:
         while True:
             last = self._climb()
             bins = self.heldout()
-            shares = [confirmed_share(last, item.trial.added, bins) for item in self.accepted]
-            self.accepted = [replace(item, transfer=t) for item, t in zip(self.accepted, shares, strict=True)]
+            self.accepted = [
+                replace(item, transfer=confirmed_share(last, item.trial.added, bins)) for item in self.accepted
+            ]
             refused = [item for item in self.accepted if item.transfer is not None and item.transfer.is_denied]
             if not refused or len(self.denied) >= MOST_DENIED:
                 return last
@@ -288,11 +291,11 @@ class Stepwise:
         """
         out = []
         for other in evaluated:
-            if other.key == chosen.key or other.p_value > LEVEL or other.falls is None or other.fault == "denied":
+            is_good = other.p_value <= LEVEL and other.falls is not None and other.fault != "denied"
+            if other.key == chosen.key or not is_good or chosen.evidence - other.evidence > DECISIVE:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
-            is_explained = remaining is None or remaining.statistic <= SAME * other.trial.statistic
-            if is_explained and chosen.evidence - other.evidence <= DECISIVE:
+            if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
                 out.append(other)
         return tuple(out)
 
@@ -312,8 +315,9 @@ class Stepwise:
         if chance <= NEAR:
             shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
             falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
-        denial = self._denial(trial.added)
-        return EvaluatedCandidate(trial, on, chance, evidence(on, trial), falls, before, after, denial)
+        return EvaluatedCandidate(
+            trial, on, chance, evidence(on, trial), falls, before, after, transfer=self._denial(trial.added)
+        )
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""

@@ -53,25 +53,21 @@ class FreeForm(Expansion):
 
     def _made(self, samples: Samples) -> Floats:
         factors = {"": np.ones(len(samples)), "s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}
-        return hats(variable(samples, self.variable), self.knots) * factors[self.factor][:, None]
+        x = variable(samples, self.variable)
+        hats = np.column_stack([np.interp(x, self.knots, hat) for hat in np.eye(len(self.knots))])
+        return np.asarray(hats * factors[self.factor][:, None])
 
 
 def variable(samples: Samples, name: str) -> Floats:
     """(M,) values of a form's variable."""
     column = samples.joint - 1
-    variables = {
+    return {
         "q": samples.position[:, column],
         "v": np.abs(samples.velocity[:, column]),
         "load": np.zeros(len(samples)) if samples.loads is None else samples.loads.moving,
         "t": samples.time,
         "travel": samples.travel,
-    }
-    return variables[name]
-
-
-def hats(x: Floats, knots: Floats) -> Floats:
-    """(M, K) hat functions: one at a knot, zero at its neighbours, linear between."""
-    return np.column_stack([np.interp(x, knots, hat) for hat in np.eye(len(knots))])
+    }[name]
 
 
 def forms(bins: JointBins) -> Iterator[FreeForm]:
@@ -100,11 +96,9 @@ def free_form_scores(solved: Fit, joint: int) -> list[ScoreTest]:
             continue
         values, vectors = np.linalg.eigh(information[np.ix_(visible, visible)])
         turn = vectors[:, values > FLAT * values[-1]]
-        information, width = turn.T @ information[np.ix_(visible, visible)] @ turn, turn.shape[1]
-        shares, signs = np.ones(width), np.zeros(width)
-        trial = score_of(term, scores[:, visible] @ turn, information, share=shares, signs=signs)
-        out += [] if trial is None else [trial]
-    return out
+        information, free = turn.T @ information[np.ix_(visible, visible)] @ turn, np.zeros(turn.shape[1])
+        out.append(score_of(term, scores[:, visible] @ turn, information, share=free + 1.0, signs=free))
+    return [trial for trial in out if trial is not None]
 
 
 def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats, Floats]:
@@ -226,11 +220,13 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
     errors = {row.bins.joint: max(rmse(row.bins, row.misfit), TINY) for row in scan.solved.joints}
     tests, out = {id(test.added): test for test in scan.trials}, dict[Key, Limit]()
     for key, group in scan.candidates.groups.items():
-        columns = projector.columns(group)
-        falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in columns.items()]
+        falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in projector.columns(group).items()]
         largest = np.max(falls, axis=0, initial=0.0).reshape(len(group), -1)[:, 0] if falls else np.zeros(len(group))
-        chosen = [(tests[id(term)], fall) for term, fall in zip(group, largest, strict=True) if id(term) in tests]
-        sizes = [_size(test, family, scan, fall=fall) for test, fall in chosen]
+        sizes = [
+            _size(tests[id(term)], family, scan, fall=fall)
+            for term, fall in zip(group, largest, strict=True)
+            if id(term) in tests
+        ]
         out[key] = _limit(robot, group[0].effect, key, float(np.median(sizes or [np.inf])))
     for waves in scan.spectra:
         shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))

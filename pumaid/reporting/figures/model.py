@@ -330,7 +330,7 @@ def finding_figure(finding: Finding, curve: Curve, robot: Robot, *, name: str, u
     caption = f"Above: residual, means over runs with standard errors; line: current of {effect}."
     rivals = list(dict.fromkeys(line.effect for line in curve.lines if line.effect != finding.effect))
     if rivals:
-        caption += f" Broken: {listed(rivals, 'or')}; where the lines differ, a run would decide."
+        caption += f" Broken: {listed(rivals, 'or')}, which these data cannot tell from it."
     caption += f" Below: residual with {effect} in the model."
     return Drawing(f"{name}_j{curve.joint}", title, caption, _evidence([(title, effect, curve, CURRENT)], units))
 
