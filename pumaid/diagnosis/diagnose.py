@@ -162,17 +162,17 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[tu
     curve
         A side for each direction of motion that was run.
     """
-    (found, after), sides, lines = trials[0], [], []
-    axis = _axis(robot, samples, found, change=before - after)
+    (term, after), sides, lines = trials[0], [], []
+    axis = _axis(robot, samples, term, change=before - after)
     for way in (1, -1):
         label = np.where((samples.direction == way) & np.isfinite(axis.values), axis.labels(), np.nan)
         if np.isnan(label).all():
             continue
         places, mean = (_means(values, label, samples.run)[0] for values in (axis.values, before))
         sides.append(Binned(way, places, mean, *_means(after, label, samples.run)))
-        for term, misfit in trials:
-            lines.append(Line(term.effect.name, way, places, _means(before - misfit, label, samples.run)[0]))
-    names = [term.effect.name for term, _ in trials]
+        for shown, misfit in trials:
+            lines.append(Line(shown.effect.name, way, places, _means(before - misfit, label, samples.run)[0]))
+    names = [drawn.effect.name for drawn, _ in trials]
     lines.sort(key=lambda line: names.index(line.effect))
     return Curve(samples.joint, axis.variable, axis.unit, tuple(sides), tuple(lines), axis.period)
 
