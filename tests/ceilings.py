@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25642,
-    "statements": 15068,
+    "lines": 25589,
+    "statements": 14985,
     "modules": 122,
     "import depth": 12,
-    "lines of tests and tools": 21943,
+    "lines of tests and tools": 21922,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
