@@ -294,12 +294,9 @@ def spectrum(
     frequency = frequency[in_range]
     if len(frequency) < 3:
         return None
-    shared = _shared(
-        (q - low[usable].min()) / step,
-        noise.unwhiten(bins, white) * usable[bins.run],
-        piece=_pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run,
-        points=int(extent / step) + 2,
-    )
+    back = noise.unwhiten(bins, white) * usable[bins.run]
+    piece = _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run
+    shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=int(extent / step) + 2)
     turn = np.exp(1j * frequency * low[usable].min()) / np.sinc(0.5 * frequency * step / np.pi) ** 2 / scale
     scores = np.conj(fft.rfft(shared, n=points, axis=1)[:, in_range]) * turn
     information = np.zeros(len(frequency))
