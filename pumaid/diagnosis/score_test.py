@@ -237,7 +237,8 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
     The wild cluster score bootstrap of P. Kline and A. Santos, J. Econometric Methods 1 (2012) 23-41, with the maximum
     over hypotheses of J. P. Romano and M. Wolf, Econometrica 73 (2005) 1237-1282, balanced as in their section 4.
     """
-    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
+    rng = np.random.default_rng(SEED)
+    signs = rng.choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
     scale, surprises = scan.solved.scale, dict[Key, Floats]()
     for key, group in groupby(scan.trials, key=lambda trial: trial.added.key):
         trials = list(group)
@@ -299,7 +300,8 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats |
         for row, length in enumerate(LENGTHS):
             starts = np.arange(0, len(a), length)
             products[row, number] = float(np.add.reduceat(a, starts) @ np.add.reduceat(b, starts))
-    signs = np.random.default_rng(PAIR_SEED).choice([-1.0, 1.0], size=(PAIR_FLIPS, len(pairs)))
+    rng = np.random.default_rng(PAIR_SEED)
+    signs = rng.choice([-1.0, 1.0], size=(PAIR_FLIPS, len(pairs)))
     spread = np.sqrt(np.sum(products**2, axis=1)) + np.finfo(float).tiny
     flipped = (signs @ products.T / spread).max(axis=1)
     observed = float((products.sum(axis=1) / spread).max())
