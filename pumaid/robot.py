@@ -43,8 +43,14 @@ class Joint:
             return np.array(self.placement)
         # J. J. Craig, Introduction to Robotics, 3rd ed., eq. (3.6).
         c, s, ca, sa = np.cos(self.theta), np.sin(self.theta), np.cos(self.alpha), np.sin(self.alpha)
-        rows = [[c, -s, 0.0, self.a], [s * ca, c * ca, -sa, -sa * self.d], [s * sa, c * sa, ca, ca * self.d]]
-        return np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+        return np.array(
+            [
+                [c, -s, 0.0, self.a],
+                [s * ca, c * ca, -sa, -sa * self.d],
+                [s * sa, c * sa, ca, ca * self.d],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
 
     @property
     def is_revolute(self) -> bool:

@@ -241,11 +241,11 @@ def urscript(plan: Plan, robot: Robot) -> str:
     a and v being those of the leading axis; textmsg(s1, s2); sleep(t).
     """
     if robot.n_joints != 6 or not robot.is_revolute.all():
-        what = (
-            f"URScript moves six revolute joints; {robot.name} has {int(robot.is_revolute.sum())} of {robot.n_joints}"
-        )
         raise ModelError(
-            "program-other-robot", what, Where(file=robot.origin or None), "use the form ros2, yaml or csv for this arm"
+            "program-other-robot",
+            f"URScript moves six revolute joints; {robot.name} has {int(robot.is_revolute.sum())} of {robot.n_joints}",
+            Where(file=robot.origin or None),
+            "use the form ros2, yaml or csv for this arm",
         )
     lines: list[str] = []
 

@@ -83,10 +83,9 @@ def prior_robots(
         return prior
     mass, *at = (number(part, 3) for part in payload)
     if not (0.0 < payload[0] <= _HEAVIEST and max(map(abs, payload[1:])) <= _FARTHEST):
-        what = f"a payload of {mass} kg at ({', '.join(at)}) m is out of range"
         raise ModelError(
             "plan-impossible",
-            what,
+            f"a payload of {mass} kg at ({', '.join(at)}) m is out of range",
             mend=f"give a mass above 0 and up to {_HEAVIEST:g} kg, and at most {_FARTHEST:g} m along each axis",
         )
     sentence = (
@@ -290,9 +289,8 @@ def candidate_information(
 ) -> "CandidateInformation":
     """What candidates tell G prior robots of the gravity parameters and ratios `names`, and of all friction."""
     robot = truths[0].robot
-    standing = (0.0,) * robot.n_joints
     lasting = {
-        part: duration(robot, Plan(robot.name, Block(standing, part).motions))
+        part: duration(robot, Plan(robot.name, Block((0.0,) * robot.n_joints, part).motions))
         for part in {block.sweeps for block in blocks}
     }
     runs = [block.motions for block in blocks]

@@ -290,8 +290,12 @@ class Planner:
                 places = np.flatnonzero(table.posture == posture)
                 times = counts[places] if passes == 1 else (counts[places] + (turn + posture) % 2) // 2
                 if times.any():
-                    ways = tuple(table.blocks[k].sweeps[0] for k in np.repeat(places, times))
-                    blocks.append(Block(table.blocks[places[0]].hold, ways))
+                    blocks.append(
+                        Block(
+                            table.blocks[places[0]].hold,
+                            tuple(table.blocks[k].sweeps[0] for k in np.repeat(places, times)),
+                        )
+                    )
             orders.append(blocks)
         motions = schedule(self.robot, orders, collision=self.collision, rng=np.random.default_rng([self.seed, 4]))
         bare = Plan(self.robot.name, motions, tuple(self._reasons(table, counts)), seed=self.seed)

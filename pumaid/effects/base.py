@@ -250,8 +250,12 @@ class Effect:
         of scope CAUSE it is the joint that causes the current, wherever it flows.
         """
         owner = number or (0 if self.scope is Scope.ARM else samples.joint)
-        names = tuple(parameter.name for parameter in self.parameters(robot, owner))
-        return columns(self.formula_in(robot, owner, samples.joint), names, shape, motion=(robot, samples, owner))
+        return columns(
+            self.formula_in(robot, owner, samples.joint),
+            tuple(parameter.name for parameter in self.parameters(robot, owner)),
+            shape,
+            motion=(robot, samples, owner),
+        )
 
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         """Signs that the parameters have if it is this physics, with this shape; () where `parameters` says them."""

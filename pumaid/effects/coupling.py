@@ -26,8 +26,6 @@ class Coupling(Effect):
     only_loaded = True
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
-        # A drive passes through the joints before its own: those are the motors that can carry it.
-        before = tuple(float(i) for i in reversed(range(1, number)))
         return (
             Shape(
                 "on",
@@ -37,7 +35,8 @@ class Coupling(Effect):
                 high=float(max(robot.n_joints, 2)),
                 example=1.0 if number != 1 else 2.0,
                 is_searched=False,
-                starts=before,
+                # A drive passes through the joints before its own: those are the motors that can carry it.
+                starts=tuple(float(i) for i in reversed(range(1, number))),
             ),
         )
 

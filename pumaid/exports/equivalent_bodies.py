@@ -114,10 +114,9 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
             continue
         elif mass <= last:
             beyond = f", and a slide beyond it carries {last:.4g} kg" if last else ""
-            what = f"joint {joint} would carry {mass:.4g} kg{beyond}: no masses weigh that"
             raise ModelError(
                 "torque-constants",
-                what,
+                f"joint {joint} would carry {mass:.4g} kg{beyond}: no masses weigh that",
                 Where(joint=joint),
                 "check the sign of its torque constant, or write a form without masses (c, python, json, matlab)",
             )
@@ -185,10 +184,9 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
     is_complete = len(constants) == len(words) and ("=" in text or len(words) == joints)
     are_numbers = all(math.isfinite(value) and value != 0.0 for value in constants.values())
     if not (is_complete and are_numbers and set(constants) <= set(range(1, joints + 1))):
-        what = f"{text!r} is not one torque constant a joint, none of them zero, for {joints} joints"
         raise ModelError(
             "torque-constants",
-            what,
+            f"{text!r} is not one torque constant a joint, none of them zero, for {joints} joints",
             Where(field="--torque-constants"),
             "write as many numbers as the arm has joints (k1,k2,...), or JOINT=NUMBER,... for some of them",
         )

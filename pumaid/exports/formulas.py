@@ -88,7 +88,6 @@ class Formulas:
         # What a posture of this arm may need and the data did not tell; not what no posture can show.
         structure = minimal(robot)
         idle = {*structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in structure.redundant)}
-        unknown = [value for value in estimate.values if value.state == NOT_IDENTIFIABLE and value.name not in idle]
         return cls(
             robot=robot,
             estimate=estimate,
@@ -100,7 +99,11 @@ class Formulas:
             shaft=robot.shaft_speeds,
             terms=tuple(term for effect in effects for term in _terms(robot, effect, solution, has_ratios=has_ratios)),
             left_out=tuple(Lack(name, reason) for name, reason in reasons.items() if reason is not None),
-            undetermined=tuple(Lack(value.name, value.reason or "these data do not tell it") for value in unknown),
+            undetermined=tuple(
+                Lack(value.name, value.reason or "these data do not tell it")
+                for value in estimate.values
+                if value.state == NOT_IDENTIFIABLE and value.name not in idle
+            ),
         )
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:

@@ -41,8 +41,11 @@ class Rung:
     @property
     def key(self) -> tuple[object, ...]:
         """Arm, logs and numbers of fitted runs: equal for models whose errors can be compared."""
-        fitted = tuple((fit.runs, fit.samples) for fit in self.estimate.joints)
-        return self.estimate.geometry, tuple(sorted(self.estimate.logs.values())), fitted
+        return (
+            self.estimate.geometry,
+            tuple(sorted(self.estimate.logs.values())),
+            tuple((fit.runs, fit.samples) for fit in self.estimate.joints),
+        )
 
     @property
     def whole(self) -> dict[str, float | None]:

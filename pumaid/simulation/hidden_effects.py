@@ -249,8 +249,12 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has
                 out.append(Hidden(effect.effect, int(joint["joint"]) if is_for_all else effect.joint, values))
         if len(out) == before:
             at = "none of the joints carries" if is_for_all else f"joint {effect.joint} does not carry"
-            what = f"{at} weight, and {effect.effect} follows the weight"
-            raise ModelError("hide-wrong", what, place, "name a joint that carries weight")
+            raise ModelError(
+                "hide-wrong",
+                f"{at} weight, and {effect.effect} follows the weight",
+                place,
+                "name a joint that carries weight",
+            )
     last = [name for name, law in LAWS.items() if law.kind is Kind.CURRENT]
     return tuple(sorted(out, key=lambda effect: last.index(effect.effect) if effect.effect in last else -1))
 

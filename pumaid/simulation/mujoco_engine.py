@@ -49,10 +49,20 @@ def chain(
     spec = mujoco.MjSpec.from_string(_OPTIONS)
     bodies = [spec.worldbody]
     for joint, link, drive in zip(robot.joints, links, joints or [{}] * len(links), strict=True):
-        turn = Rotation.from_matrix(joint.frame[:3, :3]).as_quat()[[3, 0, 1, 2]]
-        bodies.append(bodies[-1].add_body(name=f"link{joint.number}", pos=joint.frame[:3, 3], quat=turn, **link))
-        kind = mujoco.mjtJoint.mjJNT_HINGE if joint.is_revolute else mujoco.mjtJoint.mjJNT_SLIDE
-        bodies[-1].add_joint(name=f"joint{joint.number}", type=kind, axis=[0, 0, 1], **drive)
+        bodies.append(
+            bodies[-1].add_body(
+                name=f"link{joint.number}",
+                pos=joint.frame[:3, 3],
+                quat=Rotation.from_matrix(joint.frame[:3, :3]).as_quat()[[3, 0, 1, 2]],
+                **link,
+            )
+        )
+        bodies[-1].add_joint(
+            name=f"joint{joint.number}",
+            type=mujoco.mjtJoint.mjJNT_HINGE if joint.is_revolute else mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[0, 0, 1],
+            **drive,
+        )
     return spec, bodies
 
 

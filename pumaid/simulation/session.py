@@ -199,10 +199,9 @@ class _Session:
             far = ~(np.abs(position) <= _FARTHEST) | ~(np.abs(current) <= _MOST)
             if far.any():
                 k, j = np.argwhere(far)[0].tolist()
-                what = f"joint {j + 1} ({truth.robot.joint(j + 1).name}) ran away at {time[k]:.3g} s of {origin}"
                 raise ModelError(
                     "simulation-diverged",
-                    what,
+                    f"joint {j + 1} ({truth.robot.joint(j + 1).name}) ran away at {time[k]:.3g} s of {origin}",
                     Where(joint=j + 1),
                     "make smaller what is out of proportion: hidden effects, coupling, or an edited truth",
                 )
@@ -296,9 +295,11 @@ class Bench:
             local = np.arange(np.ceil(first * rate), np.floor(last * rate) + 1) / rate
             if len(local) < _FEWEST:
                 joint = movement.motion.joint if movement.motion else None
-                what = f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {rate:g} Hz)"
                 raise ModelError(
-                    "run-too-short", what, Where(joint=joint), "widen its span, lower its velocity or raise the rate"
+                    "run-too-short",
+                    f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {rate:g} Hz)",
+                    Where(joint=joint),
+                    "widen its span, lower its velocity or raise the rate",
                 )
             edges = np.linspace(0, len(local), max(1, min(bins, len(local) // 2)) + 1).astype(np.int64)
             run = constant_run(movement, local, np.diff(edges), start=start, first_row=self.samples + 2)

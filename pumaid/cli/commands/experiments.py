@@ -270,13 +270,24 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
 
     robot = experiment.robot
     given = None if options["check"] is None else read_plan(options["check"], robot)
-    prior = None if options["prior"] is None else experiment.model(options["prior"])
-    shared: dict[str, Any] = {"prior": prior, "seed": options["seed"], "tell": tell}
+    shared: dict[str, Any] = {
+        "prior": None if options["prior"] is None else experiment.model(options["prior"]),
+        "seed": options["seed"],
+        "tell": tell,
+    }
     if given is not None:
         return design.check_plan(robot, given, payload=options["payload"], **shared)
 
-    shapes = {name: options[name] for name in ("minutes", "speeds", "replicates", "payload")}
-    whole = partial(design.plan, robot, postures_per_joint=options["postures"], **shapes, **shared)
+    whole = partial(
+        design.plan,
+        robot,
+        minutes=options["minutes"],
+        speeds=options["speeds"],
+        postures_per_joint=options["postures"],
+        replicates=options["replicates"],
+        payload=options["payload"],
+        **shared,
+    )
     if options["for"] is None:
         return whole()
     measured = replace(experiment, logs=options["logs"], recipe=experiment.recipe_path)
@@ -358,9 +369,15 @@ def simulate(
     virtual = _virtual_robot(robot, truth, hide=hide, noise=noise, seed=seed)
     logs = session.simulate(robot, read, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
     with progress("simulating", total=read.duration or None) as step:
-        exact = truth_json(virtual, seed=seed)
-        watch = lambda seconds: step(seconds, f"{seconds:.0f} s of robot time")  # noqa: E731
-        files = write.write_session(folder, logs, robot, form=form, force=force, truth=exact, progress=watch)
+        files = write.write_session(
+            folder,
+            logs,
+            robot,
+            form=form,
+            force=force,
+            truth=truth_json(virtual, seed=seed),
+            progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
+        )
     if str(folder) == "-":
         return
     if as_json:

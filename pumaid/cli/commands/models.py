@@ -264,8 +264,7 @@ def diagnose(
     folder, places = experiment.results_folder, [output, plan, picture]
     current = folder / "model.json" if is_applied else None
     path = output or folder / DIAGNOSIS_NAME
-    inputs = experiment.files(model, current) if any(places) else []
-    spare_inputs(places, inputs, new=() if force else (plan,))
+    spare_inputs(places, experiment.files(model, current) if any(places) else [], new=() if force else (plan,))
     diagnosis = _diagnosis(model, experiment, suspect, current=current, is_quiet=is_quiet)
     robot = experiment.robot
     if is_written:
@@ -310,8 +309,15 @@ def _diagnosis(
 
     diagnosis = again(estimate)
     if current is not None:
-        tell = remark if is_quiet else lambda text: show(Paragraph(text))
-        diagnosis, estimate = added(diagnosis, estimate, dataset, robot=robot, model=current, again=again, tell=tell)
+        diagnosis, estimate = added(
+            diagnosis,
+            estimate,
+            dataset,
+            robot=robot,
+            model=current,
+            again=again,
+            tell=remark if is_quiet else lambda text: show(Paragraph(text)),
+        )
     notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
     return with_earlier(diagnosis, estimate, experiment.results_folder)
 

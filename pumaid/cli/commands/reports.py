@@ -88,8 +88,11 @@ def report(
     experiment = replace(near, logs=experiment.logs or (str(near.folder / "logs"),))
     spare_inputs([output], experiment.files(source, source.parent / "diagnosis.json"))
     if form is not None:
-        data = documents.parameters_as(experiment.model(source), experiment.robot, form, units=units)
-        write_result(output or Path("-"), data, "table")
+        write_result(
+            output or Path("-"),
+            documents.parameters_as(experiment.model(source), experiment.robot, form, units=units),
+            "table",
+        )
         return
     context = _context(source, experiment, units=units)
     files: list[Path] = []
@@ -213,8 +216,13 @@ def export(
     experiment = replace(experiment, logs=(str(model),))
     estimate, robot = experiment.model(model), experiment.robot
     name = "" if output is None or to_pipe or output.is_dir() else output.stem
-    torques = None if constants is None else read_constants(constants, robot.n_joints)
-    exported = exports.export(estimate, robot, form=form, name=name, torque_constants=torques)
+    exported = exports.export(
+        estimate,
+        robot,
+        form=form,
+        name=name,
+        torque_constants=None if constants is None else read_constants(constants, robot.n_joints),
+    )
     if to_pipe:
         write_result(Path("-"), "".join(exported.files.values()).rstrip("\n") + "\n")
     else:
@@ -299,12 +307,12 @@ def doctor(*, as_json: bool) -> None:
     from pumaid import __version__
     from pumaid.effects import catalogue
 
-    versions = {item.name: item.version for item in distributions() if item.name in LIBRARIES}
     facts: dict[str, object] = {
         "pumaid": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "libraries": dict.fromkeys(LIBRARIES, "-") | versions,
+        "libraries": dict.fromkeys(LIBRARIES, "-")
+        | {item.name: item.version for item in distributions() if item.name in LIBRARIES},
         "effects": list(catalogue()),
         "processors": os.cpu_count(),
         "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},

@@ -1,7 +1,5 @@
 """JSON: all that is needed to evaluate the model in a program of one's own, and postures to check it with."""
 
-from typing import Any
-
 import numpy as np
 
 from pumaid.effects.formula import filled
@@ -47,39 +45,44 @@ def write(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
     velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
     current = formulas.predicted(position, velocity)
-    document: dict[str, Any] = {
-        "kind": "currents",
-        "format": 1,
-        "pumaid": subject.version,
-        "robot": robot.name,
-        "recipe": {"file": robot.origin, "sha256": robot.digest},
-        "logs": formulas.estimate.logs,
-        "meaning": MEANING,
-        "joints": [
-            {"joint": joint.number, "type": joint.kind} | {name: getattr(joint, name) for name in FIELDS}
-            for joint in robot.joints
-        ],
-        "gravity": robot.gravity,
-        "moments": formulas.moments,
-        "ratios": formulas.ratios,
-        "felt": formulas.felt,
-        "coulomb": formulas.coulomb,
-        "viscous": formulas.viscous,
-        "shaft": formulas.shaft,
-        "terms": [
+    return {
+        ".json": as_text(
             {
-                "joint": term.joint,
-                "effect": term.effect,
-                "friction": term.is_friction,
-                "formula": filled(term.formula, SIGNED),
+                "kind": "currents",
+                "format": 1,
+                "pumaid": subject.version,
+                "robot": robot.name,
+                "recipe": {"file": robot.origin, "sha256": robot.digest},
+                "logs": formulas.estimate.logs,
+                "meaning": MEANING,
+                "joints": [
+                    {"joint": joint.number, "type": joint.kind} | {name: getattr(joint, name) for name in FIELDS}
+                    for joint in robot.joints
+                ],
+                "gravity": robot.gravity,
+                "moments": formulas.moments,
+                "ratios": formulas.ratios,
+                "felt": formulas.felt,
+                "coulomb": formulas.coulomb,
+                "viscous": formulas.viscous,
+                "shaft": formulas.shaft,
+                "terms": [
+                    {
+                        "joint": term.joint,
+                        "effect": term.effect,
+                        "friction": term.is_friction,
+                        "formula": filled(term.formula, SIGNED),
+                    }
+                    for term in formulas.terms
+                ],
+                "left_out": formulas.left_out,
+                "undetermined": formulas.undetermined,
+                "reference": [
+                    {"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)
+                ],
             }
-            for term in formulas.terms
-        ],
-        "left_out": formulas.left_out,
-        "undetermined": formulas.undetermined,
-        "reference": [{"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)],
-    }
-    return {".json": as_text(document)}, formulas.left_out
+        )
+    }, formulas.left_out
 
 
 FORMS = {"json": Form(write)}

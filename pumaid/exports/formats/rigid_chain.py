@@ -95,9 +95,8 @@ def _joint(
     root: ET.Element, name: str, kind: str, *, links: tuple[str, str], frame: tuple[Floats, Floats]
 ) -> ET.Element:
     """A joint from one link to another, which stands at `frame`: (3,) m and a (3, 3) rotation."""
-    place, turn = frame
     out = add(root, "joint", name=name, type=kind)
-    add(out, "origin", xyz=place, rpy=roll_pitch_yaw(turn))
+    add(out, "origin", xyz=frame[0], rpy=roll_pitch_yaw(frame[1]))
     add(out, "parent", link=links[0])
     add(out, "child", link=links[1])
     return out
@@ -117,10 +116,17 @@ def mjcf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
         name, place, turn = xml_name(joint.name), joint.frame[:3, 3], joint.frame[:3, :3]
         parent = add(parent, "body", name=f"link{joint.number}", pos=place, xyaxes=turn[:, :2].T)
         add(parent, "inertial", pos=held.centres[i], mass=held.masses[i], diaginertia=[held.inertias[i]] * 3)
-        kind = "hinge" if joint.is_revolute else "slide"
         limits = {} if joint.limits is None else {"range": joint.limits}
-        friction = {"frictionloss": held.friction[i], "damping": held.damping[i]}
-        add(parent, "joint", name=name, type=kind, axis="0 0 1", **limits, **friction)
+        add(
+            parent,
+            "joint",
+            name=name,
+            type="hinge" if joint.is_revolute else "slide",
+            axis="0 0 1",
+            **limits,
+            frictionloss=held.friction[i],
+            damping=held.damping[i],
+        )
         add(actuators, "motor", name=name, joint=name, gear=held.torques[i])
     root.append(actuators)
     remark = "Motors take their current in A; their gear is the torque constant in N m/A (N/A)."
