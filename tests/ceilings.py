@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25588,
-    "statements": 14989,
+    "lines": 25658,
+    "statements": 14959,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21922,
