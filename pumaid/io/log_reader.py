@@ -378,11 +378,8 @@ def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
 
 def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
     """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position."""
-    signs = robot.log.signs.get(quantity)
-    if signs is None and quantity == "velocity":
-        signs = robot.log.signs.get("position")
-    sign = 1 if signs is None or quantity == "temperature" else signs[joint.number - 1]
-    return float(sign * UNITS[unit_of(robot, quantity, joint)][1])
+    signs = robot.log.signs.get("position" if quantity == "velocity" else quantity, (1,) * robot.n_joints)
+    return float(signs[joint.number - 1] * UNITS[unit_of(robot, quantity, joint)][1])
 
 
 def time_factor(robot: Robot) -> float:
@@ -523,6 +520,5 @@ def _score(template: str, quantity: str) -> float:
     if not hits:
         return -math.inf
     # "TorqueCur" and "PositionCmptd" speak of two things: what other words say counts against.
-    score = 10.0 - 0.1 * min(hits) - len(words)
-    score -= 5.0 * bool(_WANTED & set(words)) - 2.0 * bool(_MEASURED & set(words))
+    score = 10.0 - 0.1 * min(hits) - len(words) - 5.0 * bool(_WANTED & set(words)) + 2.0 * bool(_MEASURED & set(words))
     return score - 5.0 * any(word in _WORDS[other] for other in _WORDS if other != quantity for word in words)

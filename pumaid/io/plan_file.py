@@ -104,8 +104,10 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
             low, high = (limit / scale for limit in limits or (-math.inf, math.inf))
             slack = _ROUNDING * (high - low) if limits else 0.0
             if not low - slack <= value <= high + slack:
-                what = f"{key} of {value:g} is not within joint {joint.number}'s {number(low)}..{number(high)} {unit}"
-                what += "/s" * (key == "velocity")
+                what = (
+                    f"{key} of {value:g} is not within joint {joint.number}'s {number(low)}..{number(high)}"
+                    f" {unit}{'/s' * (key == 'velocity')}"
+                )
                 yield ((*path, key), what, "stay inside the limits, or correct them in the recipe")
 
 

@@ -310,8 +310,10 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
         if not 1e-9 < math.hypot(*axis) < math.inf:
             raise joint.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
         rpy, unit = _vector(roll_pitch_yaw(frame[:3, :3])), _vector(np.array(axis) / math.hypot(*axis))
-        line = f"name: {yaml_text(name)}, type: {'prismatic' if is_rail else 'revolute'}, "
-        line += f"placement: {{xyz: {_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
+        line = (
+            f"name: {yaml_text(name)}, type: {'prismatic' if is_rail else 'revolute'}, "
+            f"placement: {{xyz: {_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
+        )
         low, high, speed = (joint.numbers("limit", key, "inf", count=1)[0] for key in ("lower", "upper", "velocity"))
         farthest, (slowest, fastest, _) = SIZES["limits", is_rail][1], SIZES["max_velocity", is_rail]
         has_limits, has_speed = -farthest <= low < high <= farthest, slowest <= speed <= fastest

@@ -64,9 +64,9 @@ def runs_frame(runs: Iterable[Run], robot: Robot) -> pd.DataFrame:
     import pandas as pd
 
     entries = [plain(_run_entry(index, run, robot)) for index, run in enumerate(runs, 1)]
-    rows = [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries]
     return pd.DataFrame(
-        rows, columns=[*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)]
+        [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries],
+        columns=[*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)],
     )
 
 
@@ -123,8 +123,7 @@ def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "
     """
     if form in ("csv", "parquet", "json"):
         return frame_as(parameters_frame(estimate, units), form)
-    text: str = getattr(parameter_table(estimate, robot, units), form)()
-    return text.encode("utf-8")
+    return str(getattr(parameter_table(estimate, robot, units), form)()).encode("utf-8")
 
 
 def frame_as(frame: pd.DataFrame, form: str) -> bytes:
@@ -142,26 +141,25 @@ def frame_as(frame: pd.DataFrame, form: str) -> bytes:
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """The entries of a comparison's JSON document after its heading."""
-    joints = [
-        _entries(score, "joint samples rmse bias explained noise_floor noise_floor_reason shares")
-        | {
-            "current_rms": score.rms,
-            "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
-            "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
-            "undetermined_runs": score.undetermined,
-            "budget": None if score.budget is None else budget_document(score.budget),
-            "runs": [
-                _entries(item, "rmse bias largest explained undetermined reason")
-                | {"file": run.origin, "rows": [run.first_row, run.last_row], "velocity": run.speed}
-                | _entries(run, "start duration kind posture samples heldout")
-                for item in comparison.of_joint(score.joint)
-                for run in [item.run]
-            ],
-        }
-        for score in comparison.joints
-    ]
     return {
-        "joints": joints,
+        "joints": [
+            _entries(score, "joint samples rmse bias explained noise_floor noise_floor_reason shares")
+            | {
+                "current_rms": score.rms,
+                "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],
+                "heldout": None if score.heldout is None else {"rmse": score.heldout, "runs": score.heldout_runs},
+                "undetermined_runs": score.undetermined,
+                "budget": None if score.budget is None else budget_document(score.budget),
+                "runs": [
+                    _entries(item, "rmse bias largest explained undetermined reason")
+                    | {"file": run.origin, "rows": [run.first_row, run.last_row], "velocity": run.speed}
+                    | _entries(run, "start duration kind posture samples heldout")
+                    for item in comparison.of_joint(score.joint)
+                    for run in [item.run]
+                ],
+            }
+            for score in comparison.joints
+        ],
         "rmse": comparison.rmse,
         "heldout": None if comparison.heldout is None else {"rmse": comparison.heldout},
         "notes": comparison.notes,
@@ -170,19 +168,18 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
 
 def budget_document(budget: Budget) -> dict[str, Any]:
     """A joint's budget in the comparison's JSON document."""
-    parts = [
-        _entries(part, "name mean_square p_value against cycles points_to")
-        | {
-            "share": part_share(budget, part),
-            "more_than_noise": part.is_more,
-            "cycles_per": part.per or None,
-            "cycles_per_motor_turn": part.gearing,
-            "text": part_text(budget, part) if part.is_more else None,
-        }
-        for part in budget.parts
-    ]
     return _entries(budget, "mean_square noise floor runs replicates") | {
-        "parts": parts,
+        "parts": [
+            _entries(part, "name mean_square p_value against cycles points_to")
+            | {
+                "share": part_share(budget, part),
+                "more_than_noise": part.is_more,
+                "cycles_per": part.per or None,
+                "cycles_per_motor_turn": part.gearing,
+                "text": part_text(budget, part) if part.is_more else None,
+            }
+            for part in budget.parts
+        ],
         "limits": {slug: BUDGET_LIMITS[slug] for slug in budget.limits},
     }
 
@@ -192,7 +189,6 @@ def budget_document(budget: Budget) -> dict[str, Any]:
 
 def history_document(history: History) -> dict[str, Any]:
     """The entries of a history's JSON document after its heading."""
-    errors = "joint runs samples rmse heldout heldout_runs noise_floor"
     return _entries(history, "folder current notes") | {
         "ladders": [
             _entries(ladder, "robot recipe logs")
@@ -204,7 +200,12 @@ def history_document(history: History) -> dict[str, Any]:
                     | {"file": rung.path.name, "effects": rung.estimate.effects}
                     | _entries(rung, "added removed")
                     | rung.whole
-                    | {"joints": [_entries(fit, errors) for fit in rung.estimate.joints]}
+                    | {
+                        "joints": [
+                            _entries(fit, "joint runs samples rmse heldout heldout_runs noise_floor")
+                            for fit in rung.estimate.joints
+                        ]
+                    }
                     for rung in ladder.rungs
                 ],
             }

@@ -129,8 +129,12 @@ def effect_parts(effect: Effect) -> list[str | Table]:
             if rows
             else []
         )
-    lines = [f"not at a {kind} joint: {reason}\n" for kind, reason in entry["not_at"].items()]
-    lines += [f"signature ({entry['signature']['at']}):", sketch(entry["signature"]), ""]
+    lines = [
+        *(f"not at a {kind} joint: {reason}\n" for kind, reason in entry["not_at"].items()),
+        f"signature ({entry['signature']['at']}):",
+        sketch(entry["signature"]),
+        "",
+    ]
     lines += [f"look-alikes: {', '.join(entry['look_alikes'])}"] if entry["look_alikes"] else []
     lines += [f"residual depends on: {', '.join(entry['shown_by'])}"]
     lines += [f"best seen in: {entry['seen_in']}"] if entry["seen_in"] else []
@@ -188,8 +192,10 @@ def signature(effect: Effect) -> dict[str, Any]:
     Against the variable of its family, or the first other one in which it varies: `variable`, `unit`, `values` (M,),
     currents `forward` and `backward` (M,) A, and `at`, the examples in words.
     """
-    first = VARIABLES.get(effect.family, "position")
-    curves = [_against(effect, variable) for variable in dict.fromkeys((first, "position", *RANGES))]
+    curves = [
+        _against(effect, variable)
+        for variable in dict.fromkeys((VARIABLES.get(effect.family, "position"), "position", *RANGES))
+    ]
     ways = [np.array([curve["forward"], curve["backward"]]) for curve in curves]
     varying = [np.ptp(way, axis=1).max() > FLAT * max(np.abs(way).max(), 1e-300) for way in ways]
     return curves[varying.index(True) if True in varying else 0]
@@ -197,8 +203,8 @@ def signature(effect: Effect) -> dict[str, Any]:
 
 def _against(effect: Effect, variable: str) -> dict[str, Any]:
     """The signature against one variable, in the first joint in which the effect acts."""
-    owner = next((n for n in (1, 2) if effect.applies(HANGING, n) is None), 1)
-    owner = 0 if effect.scope is Scope.ARM else owner
+    joints = (n for n in (1, 2) if effect.applies(HANGING, n) is None)
+    owner = 0 if effect.scope is Scope.ARM else next(joints, 1)
     shapes, parameters = effect.shapes(HANGING, owner), effect.parameters(HANGING, owner)
     shape = {item.name: item.example for item in shapes}
     unit, low, high = RANGES[variable]

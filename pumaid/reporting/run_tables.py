@@ -159,9 +159,8 @@ def axes_table(robot: Robot, units: str = "deg") -> Table:
         if not is_placed:
             theta, d = (" + q", "") if joint.is_revolute else ("", " + q")
             geometry = [angles[0] + theta, angles[1], f"{joint.a:.5g}", f"{joint.d:.5g}{d}"]
-        limits = "-"
-        if joint.limits is not None:
-            limits = f"{joint.limits[0] * scale:.4g} to {joint.limits[1] * scale:.4g} {unit}"
+        low, high = joint.limits or (-math.inf, math.inf)
+        limits = "-" if joint.limits is None else f"{low * scale:.4g} to {high * scale:.4g} {unit}"
         speed = "-" if joint.max_velocity is None else f"{number(joint.max_velocity * scale)} {unit}/s"
         rows.append([str(joint.number), joint.name, joint.kind, *geometry, limits, speed])
     columns: tuple[str, ...] = (f"theta ({units})", f"alpha ({units})", "a (m)", "d (m)")

@@ -120,9 +120,11 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
         body.append([head, *(_value_cell(rows[key].get(n), units, marks, scale=scale) for n in columns)])
         structural |= {value.reason or "": "-" for value in rows[key].values() if is_structural(value)}
     blank = [""] * (len(columns) - robot.n_joints)
-    body.append(["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints), *blank])
-    body.append(["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints), *blank])
-    body.append(["runs", *(str(fit.runs) for fit in estimate.joints), *blank])
+    body += [
+        ["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints), *blank],
+        ["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints), *blank],
+        ["runs", *(str(fit.runs) for fit in estimate.joints), *blank],
+    ]
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*LABELS, *unseen})
     titles = {effect: catalogue()[effect].title for effect in extra if effect in catalogue()}
     if "inertia" in titles and ("inertia", "J") not in rows:
@@ -174,9 +176,14 @@ def combination_table(estimate: Estimate) -> Table | None:
         value = Cell(*with_error(combination.value, combination.std_error))
         rows.append([combination.text, words.removeprefix("+ "), value, combination.unit])
     caption = f"Weights in SI units; those below {SMALLEST_TERM:g} of the largest are left out."
-    title = "Identified combinations of parameters"
     return (
-        Table(title, ("meaning", "combination", "value", "unit"), rows, caption=caption, words=(0, 1, 3))
+        Table(
+            "Identified combinations of parameters",
+            ("meaning", "combination", "value", "unit"),
+            rows,
+            caption=caption,
+            words=(0, 1, 3),
+        )
         if rows
         else None
     )
@@ -223,8 +230,8 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
     for rank, score in enumerate(worst, start=1):
         run, mark = score.run, marked(marks, score.reason)
         scale, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", units)
-        where = [joint_label(robot, run.joint), names[run.origin]]
-        where += [run_time(run), f"{number(run.speed * scale, 3)} {unit}"]
+        speed = f"{number(run.speed * scale, 3)} {unit}"
+        where = [joint_label(robot, run.joint), names[run.origin], run_time(run), speed]
         rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
         posture = posture_text(robot, run.posture.tolist(), units)
         rows.append([str(rank), *where, rmse, amount(score.bias, beside=score.rmse), posture])
@@ -311,10 +318,8 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
         rows.append([str(count), joint_label(robot, motion.joint), start, end, f"{speed}/s", posture])
     caption = ""
     if run.separation is not None:
-        caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations"
-        caption += (
-            f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %." if run.repeats else "."
-        )
+        repeated = f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %" if run.repeats else ""
+        caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations{repeated}."
     header = ("run", "joint", "from", "to", "speed", "other joints at")
     return Table(
         f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}",
@@ -336,8 +341,8 @@ def history_table(ladder: Ladder) -> Table:
         ratio = Cell(f"{rmse / floor:.2f}") if rmse is not None and floor else NONE
         head: Row = [Cell(str(rung.number), mark="*" if rung.is_current else ""), str(rung.parent or "")]
         rows.append([*head, ", ".join(changes(rung)), *map(amount, (rmse, heldout, floor)), ratio])
-    caption = f"Not comparable with the models above: {ladder.apart}. " if ladder.apart else ""
-    caption += "RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
+    apart = f"Not comparable with the models above: {ladder.apart}. " if ladder.apart else ""
+    caption = f"{apart}RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
     if all(fit.heldout is None for rung in ladder.rungs for fit in rung.estimate.joints):
         caption += " No run was held out, so nothing shows how the models do on new runs."
     header = ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor")
@@ -382,8 +387,10 @@ def diagnosis_blocks(
         rank = f"{count}. " if count <= len(diagnosis.findings) else ""
         title = rank + sentences.finding_title(finding, diagnosis, robot)
         texts = sentences.finding_sentences(finding, diagnosis, robot, units=units)
-        parts: list[Paragraph | Table] = [Paragraph(title, style="bold")]
-        parts += [Paragraph(text, 3) for text in [*texts, sentences.decision_sentence(finding)] if text]
+        parts: list[Paragraph | Table] = [
+            Paragraph(title, style="bold"),
+            *(Paragraph(text, 3) for text in [*texts, sentences.decision_sentence(finding)] if text),
+        ]
         if finding.command and rank:
             parts += [Paragraph("Add it with:", 3), Paragraph(finding.command, 5, is_command=True)]
         blocks.append((finding, parts))
@@ -396,9 +403,11 @@ def diagnosis_blocks(
     blocks.append((None, [Paragraph(text) for text in sentences.other_sentences(diagnosis, robot)]))
     limits = [Paragraph(f"- {text}", 2) for text in sentences.weaknesses(diagnosis, robot)]
     blocks.append((None, [Paragraph("Limits of this diagnosis:"), *limits] if limits else []))
-    made = [candidate_table(diagnosis, robot)]
-    made += [deciding_runs_table(finding, robot, units) for finding in diagnosis.findings]
-    made.append(limit_table(diagnosis, robot, units=units))
+    made = (
+        candidate_table(diagnosis, robot),
+        *(deciding_runs_table(finding, robot, units) for finding in diagnosis.findings),
+        limit_table(diagnosis, robot, units=units),
+    )
     blocks += [(None, [table]) for table in made if table is not None]
     return [
         (None, [Paragraph(sentences.headline(diagnosis, robot), style="bold")]),

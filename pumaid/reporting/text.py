@@ -281,14 +281,19 @@ def summary_sentences(dataset: Dataset, estimate: Estimate) -> list[str]:
     """What the logs contain, and how many parameters are identified."""
     runs, files = dataset.runs, dataset.files
     heldout = sum(run.heldout for run in runs)
-    words = counted_runs(runs) + (f" in {plural(len(files), 'file')}" if files else "")
-    words += f"; {plural(heldout, 'run')} held out for validation." if heldout else "."
+    words = (
+        counted_runs(runs)
+        + (f" in {plural(len(files), 'file')}" if files else "")
+        + (f"; {plural(heldout, 'run')} held out for validation." if heldout else ".")
+    )
     values = [value for value in estimate.values if not is_structural(value)]
     states = [value.state for value in values]
     unknown, sums = states.count(NOT_IDENTIFIABLE), len(estimate.combinations)
-    parameters = f"Identified parameters: {states.count(IDENTIFIED)} of {len(values)}"
-    parameters += f"; not identifiable: {unknown} (reasons below the table)" if unknown else ""
-    parameters += f"; identified combinations of these: {sums}." if sums else "."
+    parameters = (
+        f"Identified parameters: {states.count(IDENTIFIED)} of {len(values)}"
+        + (f"; not identifiable: {unknown} (reasons below the table)" if unknown else "")
+        + (f"; identified combinations of these: {sums}." if sums else ".")
+    )
     return [words, parameters]
 
 
@@ -418,7 +423,7 @@ def _rivals(finding: Finding) -> str:
 
 
 def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[str]:
-    """What the effect is, what it explains, how sure that is, and how large it is."""
+    """What the effect is, what it explains, how sure that is, and how large it is (empty where that is not known)."""
     effect, out = catalogue().get(finding.effect), []
     if effect is not None:
         out.append(f"{effect.title}." + (f" Current: {effect.equation}." if effect.equation else ""))
@@ -446,8 +451,7 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     ]
     if finding.verdict != ADD and reasons:
         out.append(f"Doubtful: {reasons[0].rstrip('.')}.")
-    size = size_sentence(finding, robot, units)
-    return [*out, size] if size else out
+    return [*out, size_sentence(finding, robot, units)]
 
 
 def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad") -> str:

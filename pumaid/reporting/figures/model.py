@@ -88,8 +88,10 @@ CURRENT = "residual (A)"
 def share_figure(context: ReportContext) -> Drawing:
     """Where each joint's current goes: one bar a joint, with the RMS current beside it."""
     scores = [score for score in context.comparison.joints if score.shares]
-    acting = dict.fromkeys(name for score in scores for name in score.shares if name != UNEXPLAINED)
-    total = {name: sum(abs(score.shares.get(name, 0.0)) for score in scores) for name in acting}
+    total = {
+        name: sum(abs(score.shares.get(name, 0.0)) for score in scores)
+        for name in dict.fromkeys(name for score in scores for name in score.shares if name != UNEXPLAINED)
+    }
     order, palette = list(EFFECT_COLOURS), cycle(AREAS[4:])  # the paper's effects first, then those of largest share
     names = sorted(total, key=lambda name: (order.index(name) if name in order else len(order), -total[name]))
     colours = {name: EFFECT_COLOURS.get(name) or next(palette) for name in names} | {UNEXPLAINED: BACKWARD}
@@ -194,9 +196,8 @@ def current_figure(context: ReportContext, joint: int) -> Drawing:
             Line2D([], [], color=INK, linewidth=1.1, label="predicted"),
         ],
     )
-    caption = "Dots: measured. Lines: predicted, one a run."
-    if len(steady) > MOST_POSTURES:
-        caption += f" The {MOST_POSTURES} of {len(steady)} postures with most runs."
+    rest = f" The {MOST_POSTURES} of {len(steady)} postures with most runs." if len(steady) > MOST_POSTURES else ""
+    caption = f"Dots: measured. Lines: predicted, one a run.{rest}"
     return Drawing(f"current_j{joint}", f"{joint_title(context.robot, joint)}: current", caption, figure)
 
 
@@ -302,8 +303,9 @@ def varying(bins: pd.DataFrame) -> list[str]:
 def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> None:
     """Residuals as dots, and means over runs in bins of a variable with their standard errors."""
     zero_line(axes, floor)
-    is_position = name.startswith("position")
-    look = {"markersize": 2.4, "linestyle": "-", "linewidth": 0.8} if is_position else {"markersize": 4.2}
+    look = (
+        {"markersize": 2.4, "linestyle": "-", "linewidth": 0.8} if name.startswith("position") else {"markersize": 4.2}
+    )
     count = COARSE if name.startswith(("gravity", "time", "temperature")) else FINE
     for sign in (1, -1):
         side = bins[(bins["direction"] == sign) & np.isfinite(bins[name])]
@@ -316,9 +318,8 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
     axes.margins(x=0.05)
     axes.locator_params(axis="x", nbins=6)  # small currents have long labels
     axes.set_xlabel(name, labelpad=1)
-    axes.set_ylabel(CURRENT)
     top = 1.3 * max(float(bins["residual"].abs().quantile(0.99)), 1.2 * (floor or 0.0), 1e-9)
-    axes.set_ylim(-top, top)
+    axes.set(ylabel=CURRENT, ylim=(-top, top))
 
 
 # Findings
@@ -327,11 +328,12 @@ def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> N
 def finding_figure(finding: Finding, curve: Curve, robot: Robot, *, name: str, units: str = "rad") -> Drawing:
     """What an effect explains at the joint of one of its curves: without it above, with it below."""
     effect, title = label(finding.effect), _title(finding, curve, robot)
-    caption = f"Above: residual, means over runs with standard errors; line: current of {effect}."
     rivals = list(dict.fromkeys(line.effect for line in curve.lines if line.effect != finding.effect))
-    if rivals:
-        caption += f" Broken: {listed(rivals, 'or')}, which these data cannot tell from it."
-    caption += f" Below: residual with {effect} in the model."
+    broken = f" Broken: {listed(rivals, 'or')}, which these data cannot tell from it." if rivals else ""
+    caption = (
+        f"Above: residual, means over runs with standard errors; line: current of {effect}.{broken}"
+        f" Below: residual with {effect} in the model."
+    )
     return Drawing(f"{name}_j{curve.joint}", title, caption, _evidence([(title, effect, curve, CURRENT)], units))
 
 
@@ -409,14 +411,15 @@ def _evidence(columns: Sequence[Column], units: str) -> Figure:
 
 def _frame(axes: Axes, curve: Curve, kind: str, *, units: str) -> float:
     """Label the axes of a residual; the factor of the variable: degrees if asked for, minutes of long times."""
-    values = np.concatenate([side.centres for side in curve.sides])
-    is_long = curve.unit == "s" and np.nanmax(np.abs(values), initial=0.0) > MINUTES
+    is_long = (
+        curve.unit == "s"
+        and np.nanmax(np.abs(np.concatenate([side.centres for side in curve.sides])), initial=0.0) > MINUTES
+    )
     scale, word = (1.0 / 60.0, "min") if is_long else in_unit(curve.unit, units)
     zero_line(axes)
     word = "°C" if word == "degC" else word
     axes.set_xlabel(f"{curve.variable} ({word})" if word else curve.variable, labelpad=1)
-    axes.set_ylabel(kind)
     means = [mean for side in curve.sides for mean in (side.before, side.after)]
     top = RANGE * max(1e-9, *(float(np.nanmax(np.abs(mean), initial=0.0)) for mean in means))
-    axes.set_ylim(-top, top)
+    axes.set(ylabel=kind, ylim=(-top, top))
     return scale

@@ -42,9 +42,12 @@ def arm(context: ReportContext) -> Content:
     """The DH table and the skeleton."""
     robot, runs = context.robot, context.dataset.runs
     position = np.nan_to_num(runs[0].posture) if runs else np.zeros(robot.n_joints)
-    gravity = ", ".join(f"{component:.6g}" for component in robot.gravity)
-    table, skeleton = axes_table(robot, context.units), skeleton_figure(robot, position)
-    return {"robot": robot, "gravity": gravity, "table": table, "skeleton": skeleton}
+    return {
+        "robot": robot,
+        "gravity": ", ".join(f"{component:.6g}" for component in robot.gravity),
+        "table": axes_table(robot, context.units),
+        "skeleton": skeleton_figure(robot, position),
+    }
 
 
 def data(context: ReportContext) -> Content:
@@ -77,13 +80,12 @@ def prediction(context: ReportContext) -> Content:
 
 def residuals(context: ReportContext) -> Content | None:
     """What the model does not explain."""
-    comparison, robot = context.comparison, context.robot
-    if not comparison.runs:
+    if not context.comparison.runs:
         return None
     return {
-        "parts": tables.budget_table(comparison, robot),
+        "parts": tables.budget_table(context.comparison, context.robot),
         "figures": [model.residual_figure(context, [joint]) for joint in context.moving()],
-        "worst": tables.worst_runs_table(comparison, robot, count=WORST, units=context.units),
+        "worst": tables.worst_runs_table(context.comparison, context.robot, count=WORST, units=context.units),
     }
 
 
@@ -136,9 +138,11 @@ def sources(context: ReportContext) -> Content:
     ]
     titles = {x.source: [effect.title for effect in effects if effect.source == x.source] for x in effects}
     fitted, compared = context.estimate.logs, context.comparison.logs
-    rows = [["recipe", context.robot.origin or "in memory", context.robot.digest or "-"]]
-    rows += [["fitted log", name, digest] for name, digest in fitted.items()]
-    rows += [["compared log", name, digest] for name, digest in compared.items() if digest not in fitted.values()]
+    rows = [
+        ["recipe", context.robot.origin or "in memory", context.robot.digest or "-"],
+        *(["fitted log", name, digest] for name, digest in fitted.items()),
+        *(["compared log", name, digest] for name, digest in compared.items() if digest not in fitted.values()),
+    ]
     return {
         "sources": titles,
         "inputs": Table("Inputs", ("kind", "file", "SHA-256"), rows, words=(0, 1, 2)),
