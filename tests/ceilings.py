@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25658,
-    "statements": 14959,
+    "lines": 25684,
+    "statements": 14922,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21922,
