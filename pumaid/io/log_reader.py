@@ -147,8 +147,12 @@ class LogReader:
             after = file.stat()
         # Else the digest is of another content.
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
-            mend = "read it again when the recording has ended"
-            raise LogError("file-not-readable", f"{name} changed while it was read", Where(file=name), mend)
+            raise LogError(
+                "file-not-readable",
+                f"{name} changed while it was read",
+                Where(file=name),
+                "read it again when the recording has ended",
+            )
         self.notes = (
             *columns.notes,
             *cleaner.notes(),
@@ -272,10 +276,9 @@ class Cleaner:
         name = self.columns.names[0]
         if (steps < 0.0).any():
             back = int(np.argmax(steps < 0.0))
-            what = f"time goes back from {before[0, back]:.9g} s to {table[0, back]:.9g} s"
             raise LogError(
                 "time-not-rising",
-                what,
+                f"time goes back from {before[0, back]:.9g} s to {table[0, back]:.9g} s",
                 Where(file=self.name, row=int(rows[back]), column=name),
                 f"sort the file by {name}, or split it there if two recordings were joined",
             )

@@ -109,9 +109,12 @@ def effects_table(effects: Iterable[dict[str, Any]]) -> Table:
     for effect in sorted(effects, key=lambda effect: not effect["base"]):
         name = f"{effect['effect']} (in all models)" if effect["base"] else effect["effect"]
         rows.append([name, effect["title"], effect["equation"], effect["family"], ", ".join(effect["look_alikes"])])
-    caption = "s sign of motion, q position, v speed, t time, load: of gravity, drawn: the predicted current (A)"
     return Table(
-        "", ("effect", "meaning", "current", "family", "look-alikes"), rows, caption=caption, words=(0, 1, 2, 3, 4)
+        "",
+        ("effect", "meaning", "current", "family", "look-alikes"),
+        rows,
+        caption="s sign of motion, q position, v speed, t time, load: of gravity, drawn: the predicted current (A)",
+        words=(0, 1, 2, 3, 4),
     )
 
 

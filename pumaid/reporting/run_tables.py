@@ -121,8 +121,9 @@ def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:
         samples = sum(reject.samples for reject in rejects)
         seconds = number(sum(reject.duration for reject in rejects), 4)
         example = f"{names[longest.origin]}, rows {longest.first_row}–{longest.last_row}: {longest.text}"
-        counts = [str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds]
-        rows.append([longest.reason, *counts, example])
+        rows.append(
+            [longest.reason, str(len(rejects)), f"{samples:,}", f"{100 * samples / read:.1f} %", seconds, example]
+        )
     unused = sum(reject.samples for reject in dataset.rejects)
     title = f"Not used: {unused:,} of {read:,} samples ({100 * unused / max(1, read):.1f} %)"
     return Table(title, ("reason", "stretches", "samples", "share", "time (s)", "longest stretch"), rows, words=(0, 5))
@@ -224,12 +225,11 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         ends = [end * scale for motion in motions for end in (motion.start, motion.end)]
         speeds = sorted({f"{motion.velocity * scale:.4g}" for motion in fitted}, key=float)
         postures = {posture_key(motion.joint, motion.hold) for motion in fitted}
-        span = f"{min(ends) + 0.0:.4g} to {max(ends) + 0.0:.4g} {unit}"
         rows.append(
             [
                 f"{joint.number} {joint.name}",
                 str(len(postures)),
-                span,
+                f"{min(ends) + 0.0:.4g} to {max(ends) + 0.0:.4g} {unit}",
                 f"{', '.join(speeds)} {unit}/s",
                 str(len(fitted)),
                 str(len(motions) - len(fitted)),

@@ -9,7 +9,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
@@ -81,11 +81,10 @@ class Table:
 
     def columns(self, chosen: Sequence[int]) -> Table:
         """The same table with only the columns `chosen` (from 0)."""
-        rows = [[row[column] for column in chosen] for row in self.rows]
         return replace(
             self,
             header=[self.header[column] for column in chosen],
-            rows=rows,
+            rows=[[row[column] for column in chosen] for row in self.rows],
             words=[place for place, column in enumerate(chosen) if column in self.words],
         )
 
@@ -132,10 +131,9 @@ class Table:
         drawn = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
         for column, head in enumerate(self.header):
             is_left = column in self.words
-            justify: Literal["left", "right"] = "left" if is_left else "right"
             drawn.add_column(
                 Text(head),
-                justify=justify,
+                justify="left" if is_left else "right",
                 overflow="fold",
                 no_wrap=not (is_left and stacked),
                 max_width=widest if is_left else None,
@@ -223,12 +221,11 @@ class Paragraph:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         room, before = min(options.max_width, WIDTH) - 2 * self.is_command, " " * self.indent
-        after = before + " " * (2 if self.is_command else self.hanging)
         lines = textwrap.wrap(
             visible(self.text),
             room,
             initial_indent=before,
-            subsequent_indent=after,
+            subsequent_indent=before + " " * (2 if self.is_command else self.hanging),
             break_long_words=False,
             break_on_hyphens=False,
         )

@@ -133,12 +133,11 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     legend += ["n/i: not identifiable from these logs"] if marks else []
     legend += [f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []
     caption = f"In units of each joint's motor current. {'; '.join(legend)}."
-    notes = [*notes_of(marks), *((mark, reason) for reason, mark in structural.items())]
     return Table(
         f"{robot.name}: parameters ± standard error",
         ["link", *(str(column or "arm") for column in columns)],
         body,
-        notes,
+        [*notes_of(marks), *((mark, reason) for reason, mark in structural.items())],
         caption,
     )
 
@@ -175,13 +174,12 @@ def combination_table(estimate: Estimate) -> Table | None:
         words = " ".join(f"{'−' if x < 0 else '+'} {number(abs(x), 4)}·{name}" for name, x in terms.items())
         value = Cell(*with_error(combination.value, combination.std_error))
         rows.append([combination.text, words.removeprefix("+ "), value, combination.unit])
-    caption = f"Weights in SI units; those below {SMALLEST_TERM:g} of the largest are left out."
     return (
         Table(
             "Identified combinations of parameters",
             ("meaning", "combination", "value", "unit"),
             rows,
-            caption=caption,
+            caption=f"Weights in SI units; those below {SMALLEST_TERM:g} of the largest are left out.",
             words=(0, 1, 3),
         )
         if rows
@@ -235,10 +233,9 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
         rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
         posture = posture_text(robot, run.posture.tolist(), units)
         rows.append([str(rank), *where, rmse, amount(score.bias, beside=score.rmse), posture])
-    header = ("", "joint", "file", "time (s)", "speed", "RMSE (A)", "bias (A)", "other joints at")
     return Table(
         "Runs with the largest error",
-        header,
+        ("", "joint", "file", "time (s)", "speed", "RMSE (A)", "bias (A)", "other joints at"),
         rows,
         notes_of(marks),
         "Sorted by RMSE relative to the joint's noise floor.",
@@ -320,10 +317,9 @@ def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> T
     if run.separation is not None:
         repeated = f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %" if run.repeats else ""
         caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations{repeated}."
-    header = ("run", "joint", "from", "to", "speed", "other joints at")
     return Table(
         f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}",
-        header,
+        ("run", "joint", "from", "to", "speed", "other joints at"),
         rows,
         caption=caption,
         words=(0, 1, 5),
@@ -345,10 +341,9 @@ def history_table(ladder: Ladder) -> Table:
     caption = f"{apart}RMSE of the whole arm's fitted runs. Noise floor: from the differences of repeated runs."
     if all(fit.heldout is None for rung in ladder.rungs for fit in rung.estimate.joints):
         caption += " No run was held out, so nothing shows how the models do on new runs."
-    header = ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor")
     return Table(
         f"{ladder.robot}: error of each model",
-        header,
+        ("model", "from", "change", "RMSE (A)", "hold-out (A)", "noise floor (A)", "RMSE / floor"),
         rows,
         [("*", "current model, results/model.json")] if any(rung.is_current for rung in ladder.rungs) else [],
         caption,

@@ -344,11 +344,10 @@ def _title(finding: Finding, curve: Curve, robot: Robot) -> str:
 
 def shape_figure(joint: int, shape: Unexplained, robot: Robot, *, units: str = "rad") -> Drawing:
     """The shape of a joint's residual that no effect explains."""
-    caption = f"Means of the residual in bins. {form_sentence(shape, units)}"
     return Drawing(
         f"unexplained_j{joint}",
         f"{joint_title(robot, joint)}: residual that no effect explains",
-        caption,
+        f"Means of the residual in bins. {form_sentence(shape, units)}",
         _evidence([_unexplained(joint, shape, robot)], units),
     )
 

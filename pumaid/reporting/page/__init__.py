@@ -110,9 +110,8 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
         Markup(templates.get_template(f"{section.name}.html").render(content, figure=figure))
         for section, content in contents
     ]
-    names = [section for section, _ in contents]
     return templates.get_template("page.html").render(
-        robot=robot, sections=names, parts=parts, version=__version__, dark=DARK
+        robot=robot, sections=[section for section, _ in contents], parts=parts, version=__version__, dark=DARK
     )
 
 

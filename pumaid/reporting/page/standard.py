@@ -41,12 +41,11 @@ def summary(context: ReportContext) -> Content:
 def arm(context: ReportContext) -> Content:
     """The DH table and the skeleton."""
     robot, runs = context.robot, context.dataset.runs
-    position = np.nan_to_num(runs[0].posture) if runs else np.zeros(robot.n_joints)
     return {
         "robot": robot,
         "gravity": ", ".join(f"{component:.6g}" for component in robot.gravity),
         "table": axes_table(robot, context.units),
-        "skeleton": skeleton_figure(robot, position),
+        "skeleton": skeleton_figure(robot, np.nan_to_num(runs[0].posture) if runs else np.zeros(robot.n_joints)),
     }
 
 
