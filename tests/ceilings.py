@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25684,
-    "statements": 14922,
+    "lines": 25679,
+    "statements": 14906,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21922,
