@@ -43,7 +43,7 @@ os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 #: Exit codes of a program that a signal ended, as shells count them.
 EXIT_INTERRUPTED, EXIT_PIPE_CLOSED = 128 + 2, 128 + 13
 #: Order in which help lists the commands: the order of work. Commands not named here follow.
-ORDER_OF_WORK = "demo init plan simulate segment identify compare diagnose report history export effects doctor"
+ORDER_OF_WORK = "demo init plan simulate segment identify compare diagnose report history export effects"
 
 
 class Commands(click.RichGroup):
@@ -114,7 +114,7 @@ def reported() -> Iterator[None]:
         bug = f"""{"".join(traceback.format_exception(error)).rstrip()}
 bug: pumaid failed with {type(error).__name__}, which is its fault and not yours
   at: pumaid {__version__}, Python {platform.python_version()}, {platform.platform()}
-  fix: report the lines above with the command that you typed and what 'pumaid doctor' prints"""
+  fix: report the lines above with the command that you typed and what 'pip list' prints"""
         click.echo(bug if refusal is None else words, err=True)
         raise Exit(EXIT_BUG if refusal is None else EXIT_BAD_INPUT) from None
 

@@ -137,7 +137,6 @@ LINES = {
     "history": "history",
     "export": "export results/model.json --format c -o arm",
     "effects": "effects",
-    "doctor": "doctor",
 }
 SPEAKERS = [
     name for name in group.list_commands(None) if any(o.name == "as_json" for o in group.get_command(None, name).params)

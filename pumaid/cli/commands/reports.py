@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +14,6 @@ from pumaid.cli.output import (
     notes,
     progress,
     remark,
-    say,
     show,
     spare_inputs,
     write_picture,
@@ -281,45 +278,3 @@ def effects(*, name: str | None, as_json: bool) -> None:
         show(effects_table(chosen))
     else:
         show(*effect_parts(listing[name]))
-
-
-#: What pumaid's numbers depend on, and what only some commands need.
-LIBRARIES = (
-    *("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "click", "rich-click", "rich"),
-    *("mujoco", "distributed", "fsspec"),
-)
-
-
-@click.command()
-@options.json_option
-def doctor(*, as_json: bool) -> None:
-    """Versions, platform and settings: paste them into a bug report.
-
-    Whether an installation works is told by: pumaid demo --robot pendulum2 --seed 1
-
-    \b
-    Example:
-      pumaid doctor
-    """
-    import platform
-    from importlib.metadata import distributions
-
-    from pumaid import __version__
-    from pumaid.effects import catalogue
-
-    facts: dict[str, object] = {
-        "pumaid": __version__,
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "libraries": dict.fromkeys(LIBRARIES, "-")
-        | {item.name: item.version for item in distributions() if item.name in LIBRARIES},
-        "effects": list(catalogue()),
-        "processors": os.cpu_count(),
-        "encoding": {"files": sys.getfilesystemencoding(), "output": str(getattr(sys.stdout, "encoding", None))},
-    }
-    if as_json:
-        document(facts, "doctor")
-        return
-    for name, value in facts.items():
-        entries = [f"{key} {entry}" for key, entry in value.items()] if isinstance(value, dict) else value
-        say(f"{name:10} {', '.join(entries) if isinstance(entries, list) else entries}")
