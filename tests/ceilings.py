@@ -1,11 +1,11 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25679,
-    "statements": 14906,
+    "lines": 25634,
+    "statements": 14890,
     "modules": 122,
     "import depth": 12,
-    "lines of tests and tools": 21922,
+    "lines of tests and tools": 21912,
     "words of documents": 29900,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,
