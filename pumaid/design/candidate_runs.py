@@ -124,8 +124,9 @@ class Collision:
             )
         for box in safety.boxes:
             low, high = np.array(box.low), np.array(box.high)
-            place, half = (low + high) / 2, (high - low) / 2
-            spec.worldbody.add_geom(name=str(len(shapes)), type=mujoco.mjtGeom.mjGEOM_BOX, pos=place, size=half)
+            spec.worldbody.add_geom(
+                name=str(len(shapes)), type=mujoco.mjtGeom.mjGEOM_BOX, pos=(low + high) / 2, size=(high - low) / 2
+            )
             shapes.append(Geometry(f"the box '{box.name}'", 0, is_box=True))
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
@@ -348,8 +349,10 @@ def schedule(
     """
     parts = list(passes)
     if 0 < len(passes) <= _FEW and collision.is_free:  # with obstacles, fewer blocks at a time leave fewer free ways
-        fits = [block for block in passes[0] if block.purpose == "fit"]
-        fits.sort(key=lambda block: max(sweep.speed for sweep in block.sweeps))
+        fits = sorted(
+            (block for block in passes[0] if block.purpose == "fit"),
+            key=lambda block: max(sweep.speed for sweep in block.sweeps),
+        )
         fastest = {block.joint: block for block in fits}
         parts = [[b for b in passes[0] if (b is fastest.get(b.joint)) is first] for first in (True, False)]
         parts += passes[1:]

@@ -148,8 +148,11 @@ _BLIND, _RIDGE = 1e-11, 1e-9
 def gravity_names(robot: Robot, structure: Structure | None = None) -> tuple[str, ...]:
     """Names of all gravity parameters and gain ratios of neighbours; with a `structure`, of those that the arm has."""
     absent = absent_names(structure) if structure else {}
-    parts = {joint.number: catalogue()["gravity"].parameters(robot, joint.number) for joint in robot.joints}
-    names = [f"gravity.l{number}.{part.name}" for number, listed in parts.items() for part in listed]
+    names = [
+        f"gravity.l{joint.number}.{part.name}"
+        for joint in robot.joints
+        for part in catalogue()["gravity"].parameters(robot, joint.number)
+    ]
     names += [f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)]
     return tuple(name for name in names if name not in absent)
 

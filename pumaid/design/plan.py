@@ -262,8 +262,10 @@ class Planner:
             chosen = list[Sweep]()
             turns = range(place * count, (place + 1) * count) if slower else ()
             for speed in dict.fromkeys(slower[turn % len(slower)] for turn in turns):
-                parts = [sweep for sweep in ways if sweep.speed == speed]
-                parts.sort(key=lambda sweep: round(abs((sweep.high - sweep.low) / sweep.speed - _PART), 6))
+                parts = sorted(
+                    (sweep for sweep in ways if sweep.speed == speed),
+                    key=lambda sweep: round(abs((sweep.high - sweep.low) / sweep.speed - _PART), 6),
+                )
                 chosen.append(parts[:2][place % len(parts[:2])])  # above and below home in turns
             if place < coverage.whole or not chosen:
                 chosen.append(tours[place % len(tours)])

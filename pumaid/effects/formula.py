@@ -38,12 +38,8 @@ FUNCTIONS = {
 
 #: Quantities made from the loads that a fit gives; and those that a posture and velocities determine, so that an
 #: exported model can have them.
-OF_LOADS = frozenset(
-    {
-        *("load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner"),
-        *("gamma_p", "gamma_x", "gamma_y", "gamma_z"),
-    }
-)
+GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
+OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner", *GAMMAS})
 OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "joint"}
 
 
@@ -125,6 +121,10 @@ def _unit_body(robot: Robot, samples: Samples) -> Floats:
     return np.asarray(felt * np.nan_to_num(loads_of(samples).gains[-1]))
 
 
+def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
+    return _unit_body(robot, samples)[:, part]
+
+
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
 QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "q": lambda robot, samples, owner: samples.position[:, samples.joint - 1],
@@ -147,10 +147,7 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "tilt_y": lambda robot, samples, owner: loads_of(samples).tilts[:, 1],
     "load_owner": _load_owner,
     "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
-    "gamma_p": lambda robot, samples, owner: _unit_body(robot, samples)[:, 0],
-    "gamma_x": lambda robot, samples, owner: _unit_body(robot, samples)[:, 1],
-    "gamma_y": lambda robot, samples, owner: _unit_body(robot, samples)[:, 2],
-    "gamma_z": lambda robot, samples, owner: _unit_body(robot, samples)[:, 3],
+    **{name: partial(_gamma, part=part) for part, name in enumerate(GAMMAS)},
 }
 
 

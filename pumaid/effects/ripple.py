@@ -45,8 +45,7 @@ class Ripple(Effect):
         span = max(extent.position[1] - extent.position[0], extent.finest)
         highest, lowest = 2.0 * np.pi / extent.finest, max(FEWEST * 2.0 * np.pi / span, 0.5)
         gear = robot.joint(extent.joint).gear_ratio if extent.joint else None
-        lines = [abs(gear) * turns for turns in PER_TURN] if gear else []
+        meant = [abs(gear) * turns for turns in PER_TURN if lowest <= abs(gear) * turns <= highest] if gear else []
         count = max(int(np.ceil((highest - lowest) / (np.pi / (2.0 * span)))) + 1, 1)
         even = np.linspace(lowest, max(highest, lowest), count)
-        meant = [f for f in lines if lowest <= f <= highest]
         return tuple({"frequency": float(f)} for f in (*meant, *even))

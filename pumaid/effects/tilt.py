@@ -27,14 +27,21 @@ class Tilt(Effect):
     look_alikes = ("zero_offset", "counterbalance", "coupling", "spring")
 
     def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        out = [
+        return (
             Parameter("x", "rad", "turn of the base about its x axis", "tilt x", 0.02, -0.5, 0.5),
             Parameter("y", "rad", "turn of the base about its y axis", "tilt y", -0.015, -0.5, 0.5),
-        ]
-        for n in _uprights(robot):
-            meaning = f"load that link {n}'s own moment gives upright joint {n}"
-            out += [Parameter(f"{part}{n}", "A", meaning, f"tilt {part}{n}", 0.01) for part in ("cos", "sin")]
-        return tuple(out)
+            *(
+                Parameter(
+                    f"{part}{n}",
+                    "A",
+                    f"load that link {n}'s own moment gives upright joint {n}",
+                    f"tilt {part}{n}",
+                    0.01,
+                )
+                for n in _uprights(robot)
+                for part in ("cos", "sin")
+            ),
+        )
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:
         meaning = "gain of an upright joint over that of the next joint with a load, which no other current tells"

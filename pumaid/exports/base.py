@@ -100,16 +100,23 @@ def head(subject: Subject, left_out: tuple[Lack, ...], remarks: Sequence[str] = 
     """Lines for the head of a file: the model, its joints, what is left out, what the data did not tell, remarks."""
     formulas = subject.formulas
     digest = formulas.estimate.recipe_digest[:12]
-    lines = [title(subject), f"Recipe {commented(formulas.robot.origin)} (SHA-256 {digest})." if digest else "", ""]
-    lines.append(
-        "Joints: " + ", ".join(f"{n} {commented(joint.name)}" for n, joint in enumerate(formulas.robot.joints, 1)) + "."
-    )
+    joints = ", ".join(f"{n} {commented(joint.name)}" for n, joint in enumerate(formulas.robot.joints, 1))
     effects = ", ".join(dict.fromkeys(term.effect for term in formulas.terms)) or "nothing"
-    lines += [f"Beyond gravity, Coulomb and viscous friction: {effects}.", ""]
-    lines += ["Left out:" if left_out else "Nothing of the model is left out.", *_listed(left_out), ""]
     start = "Not determined by the data, and so of the size that disturbs least:"
-    lines += [start if formulas.undetermined else "Every parameter was determined.", *_listed(formulas.undetermined)]
-    lines += ["", *map(commented, remarks)] if remarks else []
+    lines = [
+        title(subject),
+        f"Recipe {commented(formulas.robot.origin)} (SHA-256 {digest})." if digest else "",
+        "",
+        f"Joints: {joints}.",
+        f"Beyond gravity, Coulomb and viscous friction: {effects}.",
+        "",
+        "Left out:" if left_out else "Nothing of the model is left out.",
+        *_listed(left_out),
+        "",
+        start if formulas.undetermined else "Every parameter was determined.",
+        *_listed(formulas.undetermined),
+        *(["", *map(commented, remarks)] if remarks else []),
+    ]
     return [part for line in lines for part in (textwrap.wrap(line, WIDTH, subsequent_indent="    ") or [""])]
 
 

@@ -77,8 +77,10 @@ def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
                 f" logs say {ratio:.4g}"
             )
     remarks += _off(formulas, torques, masses, centres=centres)
-    for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1:
-        remarks.append(f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0")
+    remarks += [
+        f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0"
+        for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1
+    ]
     return Bodies(
         masses=masses,
         centres=centres,

@@ -230,12 +230,20 @@ def read_model(path: Path) -> Estimate:
 def estimate_from(document: Mapping[str, Any]) -> Estimate:
     """The estimate of a model document."""
     inner = document["prediction"]
-    values = [value for joint in document["joints"] for value in joint["parameters"]]
-    values += [*document["arm"], *document["ratios"]]
+    values = [
+        *(value for joint in document["joints"] for value in joint["parameters"]),
+        *document["arm"],
+        *document["ratios"],
+    ]
     place = {name: number for number, name in enumerate(inner["order"])}
-    entries = {**document, **inner, "version": document["pumaid"]}
-    entries |= {"origin": document["recipe"]["file"], "recipe_digest": document["recipe"]["sha256"]}
-    entries["values"] = sorted(values, key=lambda value: place[value["name"]])
+    entries = {
+        **document,
+        **inner,
+        "version": document["pumaid"],
+        "origin": document["recipe"]["file"],
+        "recipe_digest": document["recipe"]["sha256"],
+        "values": sorted(values, key=lambda value: place[value["name"]]),
+    }
     estimate: Estimate = record_from(Estimate, entries)
     notes, p = estimate.notes, len(estimate.names)
     if estimate.version != __version__:

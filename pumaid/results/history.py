@@ -185,8 +185,14 @@ def read_history(results: Path) -> History:
     main = next((entry for entry in entries if entry.number == current), entries[-1])
     groups: dict[tuple[object, ...], list[Rung]] = {main.key: []}
     for entry in entries:
-        group = groups.setdefault(entry.key, [])
-        group.append(_placed(entry, group, current))
+        group, effects, changed = groups.setdefault(entry.key, []), entry.estimate.effects, []
+        for rung in reversed(group):
+            before = rung.estimate.effects
+            added, removed = _beyond(effects, before), _beyond(before, effects)
+            changed.append(replace(entry, parent=rung.number, added=added, removed=removed))
+        first = replace(entry, added=effects)
+        nearest = min(changed, key=lambda rung: len(rung.added) + len(rung.removed), default=first)
+        group.append(replace(nearest, is_current=entry.number == current))
     return History(
         str(results / FOLDER), tuple(_ladder(group, main) for group in groups.values()), current, tuple(notes)
     )
@@ -236,19 +242,6 @@ def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
         else:
             entries[number] = Rung(number, path, digest, estimate)
     return list(entries.values()), notes
-
-
-def _placed(entry: Rung, earlier: Sequence[Rung], current: int | None) -> Rung:
-    """A model with its parent among the `earlier` ones of its ladder, and how it differs from that."""
-    effects = entry.estimate.effects
-    changed = []
-    for rung in reversed(earlier):
-        before = rung.estimate.effects
-        added, removed = _beyond(effects, before), _beyond(before, effects)
-        changed.append(replace(entry, parent=rung.number, added=added, removed=removed))
-    first = replace(entry, added=effects)
-    nearest = min(changed, key=lambda rung: len(rung.added) + len(rung.removed), default=first)
-    return replace(nearest, is_current=entry.number == current)
 
 
 def _ladder(group: Sequence[Rung], main: Rung) -> Ladder:

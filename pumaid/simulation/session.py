@@ -171,8 +171,7 @@ class _Session:
         self._counts = [max(1, math.ceil(movement.seconds * rate - 1e-9)) for movement in self._movements]
         lengths = np.array(self._counts) / rate
         starts = np.cumsum(lengths) - lengths + [movement.lead for movement in self._movements]
-        is_run = np.array([movement.motion is not None for movement in self._movements])
-        self._first = first_starts(plan, starts[is_run], n_joints=n)
+        self._first = first_starts(plan, starts[[step.motion is not None for step in self._movements]], n_joints=n)
         self._delays = delays(truth.hidden, n)
         self._late = np.zeros((0, n))
         self._noise, settled = self._rng.standard_normal(n), self._rng.uniform(-1.0, 1.0, n)

@@ -133,8 +133,10 @@ def _list_robots(as_json: bool) -> None:
     if as_json:
         document({"recipes": rows}, "recipes")
         return
-    lines = [[str(value) for value in row.values()] for row in rows]
-    lines.append(["blank", "to fill in, any number of joints", "--joints N"])
+    lines = [
+        *([str(value) for value in row.values()] for row in rows),
+        ["blank", "to fill in, any number of joints", "--joints N"],
+    ]
     show(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))
 
 
@@ -429,6 +431,9 @@ def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
       pumaid demo
       pumaid demo my_demo --seed 7
     """
+    from pumaid.diagnosis.records import ADD, read_diagnosis
+    from pumaid.io.write import read_truth
+
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ResultError(
             "file-exists",
@@ -443,7 +448,12 @@ def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
             step(len(steps), done["command"])
             if not as_json:
                 say(f"$ {done['command']}\n{done['told']}")
-    hidden, named = _outcome(folder)
+    (secret,) = read_truth(folder / "logs" / "truth.json")["hidden"]
+    diagnosis, named = read_diagnosis(folder / "results" / "diagnosis.json"), []
+    for finding in (*diagnosis.applied, *diagnosis.findings):
+        rivals = f" (or {', '.join(finding.rivals)})" if finding.rivals else ""  # what these data cannot tell from it
+        named += [f"{finding.effect}@{finding.joint or 'all'}{rivals}"] if finding.verdict == ADD else []
+    hidden = f"{secret['effect']}@{secret['joint']}"
     if as_json:
         document({"folder": str(folder), "seed": seed, "steps": steps, "hidden": hidden, "named": named}, "demo")
     else:
@@ -487,16 +497,3 @@ def run(*words: str) -> dict[str, Any]:
     if code:
         raise ResultError("step-failed", f"'{line}' left with exit code {code}: {remarks}", mend="mend what it says")
     return {"command": line, "told": out.getvalue() or f"{remarks.splitlines()[-1]}\n"}
-
-
-def _outcome(folder: Path) -> tuple[str, list[str]]:
-    """What a demo's robot hides, such as ``stribeck@3``, and what diagnosis named, with what it cannot tell from it."""
-    from pumaid.diagnosis.records import ADD, read_diagnosis
-    from pumaid.io.write import read_truth
-
-    (secret,) = read_truth(folder / "logs" / "truth.json")["hidden"]
-    diagnosis, named = read_diagnosis(folder / "results" / "diagnosis.json"), []
-    for finding in (*diagnosis.applied, *diagnosis.findings):
-        rivals = f" (or {', '.join(finding.rivals)})" if finding.rivals else ""
-        named += [f"{finding.effect}@{finding.joint or 'all'}{rivals}"] if finding.verdict == ADD else []
-    return f"{secret['effect']}@{secret['joint']}", named

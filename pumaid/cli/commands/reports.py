@@ -229,11 +229,19 @@ def export(
             write_result(path, text)
         remark(f"written: {', '.join(map(str, files))}")
         if as_json:
-            facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}
-            facts |= {name: getattr(exported, name) for name in ("left_out", "undetermined", "remarks")}
+            facts = {
+                "form": form,
+                "name": exported.name,
+                "files": [str(path) for path in files],
+                "left_out": exported.left_out,
+                "undetermined": exported.undetermined,
+                "remarks": exported.remarks,
+            }
             document(facts, "export", robot=robot, logs=estimate.logs)
-    lacks = [("left out", lack) for lack in exported.left_out]
-    lacks += [("not determined by the data", lack) for lack in exported.undetermined]
+    lacks = [
+        *(("left out", lack) for lack in exported.left_out),
+        *(("not determined by the data", lack) for lack in exported.undetermined),
+    ]
     for text in (*exported.remarks, *(f"{what}: {lack.name}: {lack.reason}" for what, lack in lacks)):
         remark(text)
 
