@@ -213,13 +213,8 @@ def export(
     experiment = replace(experiment, logs=(str(model),))
     estimate, robot = experiment.model(model), experiment.robot
     name = "" if output is None or to_pipe or output.is_dir() else output.stem
-    exported = exports.export(
-        estimate,
-        robot,
-        form=form,
-        name=name,
-        torque_constants=None if constants is None else read_constants(constants, robot.n_joints),
-    )
+    torques = None if constants is None else read_constants(constants, robot.n_joints)
+    exported = exports.export(estimate, robot, form=form, name=name, torque_constants=torques)
     if to_pipe:
         write_result(Path("-"), "".join(exported.files.values()).rstrip("\n") + "\n")
     else:
@@ -229,14 +224,8 @@ def export(
             write_result(path, text)
         remark(f"written: {', '.join(map(str, files))}")
         if as_json:
-            facts = {
-                "form": form,
-                "name": exported.name,
-                "files": [str(path) for path in files],
-                "left_out": exported.left_out,
-                "undetermined": exported.undetermined,
-                "remarks": exported.remarks,
-            }
+            facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}
+            facts |= {name: getattr(exported, name) for name in ("left_out", "undetermined", "remarks")}
             document(facts, "export", robot=robot, logs=estimate.logs)
     lacks = [
         *(("left out", lack) for lack in exported.left_out),
