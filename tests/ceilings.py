@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25634,
-    "statements": 14890,
+    "lines": 25648,
+    "statements": 14866,
     "modules": 122,
     "import depth": 12,
     "lines of tests and tools": 21912,
