@@ -33,8 +33,7 @@ from pumaid.design.plan import plan
 from pumaid.diagnosis.candidates import minus_log10_p
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT
-from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
-from pumaid.diagnosis.verdict import detection_limits
+from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise, detection_limits
 from pumaid.effects import catalogue
 from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes

@@ -303,15 +303,17 @@ class _Decomposition:
         white = self.noise.whiten(self.bins, np.column_stack([self.basis, self.residual]))
         jacobian = white[:, :-1]
         row = FitRow(self.bins, self.noise, jacobian, white[:, -1], self.basis, self.residual)
-        fit = SimpleNamespace(
-            joints=(row,),
-            by_bin={self.bins.joint: row},
-            inverse=np.linalg.pinv(jacobian.T @ jacobian, hermitian=True),
-            scale=1.0,
-            model=SimpleNamespace(robot=None),  # a dependence asks for no robot
-            signs=lambda term: np.zeros(term.effect.width),
+        return cast(
+            Fit,
+            SimpleNamespace(
+                joints=(row,),
+                by_bin={self.bins.joint: row},
+                inverse=np.linalg.pinv(jacobian.T @ jacobian, hermitian=True),
+                scale=1.0,
+                model=SimpleNamespace(robot=None),  # a dependence asks for no robot
+                signs=lambda term: np.zeros(term.effect.width),
+            ),
         )
-        return cast(Fit, fit)
 
     def _rough(self) -> Floats:
         """(N,) the residual less a polynomial of each run's own."""
@@ -355,12 +357,11 @@ class _Decomposition:
         repeated, chance = self._unassigned(level)
         unassigned = min(repeated, rest)
         shared = min(level if self.bins.pairs else 0.0, rest - unassigned)
-        is_more = unassigned > 0.0 and chance is not None and chance <= FALSE_ALARM
         return (
             BudgetPart("noise_shared", shared),
             BudgetPart("noise_inside", rest - unassigned - shared),
             *(self._cause(name, joint, explained[name]) for name in CAUSES),
-            BudgetPart("unassigned", unassigned, chance, is_more),
+            BudgetPart("unassigned", unassigned, chance, unassigned > 0.0 and chance is not None),
         )
 
     def _unassigned(self, level: float) -> tuple[float, float | None]:
@@ -433,16 +434,20 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     for joint in robot.joints:
         numbers = [n for n, run in enumerate(dataset.runs) if run.joint == joint.number]
         if not numbers:
-            why = f"joint {joint.number} never moves alone in these logs"
-            joints.append(JointScore(joint.number, 0, 0, noise_floor_reason=why))
+            joints.append(
+                JointScore(
+                    joint.number, 0, 0, noise_floor_reason=f"joint {joint.number} never moves alone in these logs"
+                )
+            )
             continue
         prediction, were_fitted = at_joints[joint.number], [is_fitted[n] for n in numbers]
         of_runs = list(prediction.run_scores(were_fitted))
         scores |= dict(zip(numbers, of_runs, strict=True))
         score = prediction.joint_score(of_runs)
         counted = [n for n, is_counted in enumerate(prediction.counted) if is_counted]
-        parts = [of_runs[n].parts for n in counted]
-        has_load = all(name == "gravity" or "gravity" not in name.split(TOGETHER) for part in parts for name in part)
+        has_load = all(
+            name == "gravity" or "gravity" not in name.split(TOGETHER) for n in counted for name in of_runs[n].parts
+        )
         loads = [of_runs[n].parts.get("gravity", np.zeros(len(of_runs[n].predicted))) for n in counted]
         split = budget(
             joint_bins(robot, [of_runs[n].run for n in counted], is_settled=False)[0],

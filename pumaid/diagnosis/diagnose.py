@@ -2,20 +2,21 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pumaid.dataset import CONSTANT, Dataset, Run, first_motions
-from pumaid.diagnosis.candidates import Suspect
+from pumaid.diagnosis.candidates import Candidates, Suspect
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
     ADEQUATE,
     DOUBTFUL,
+    MISSING,
     UNEXPLAINED_JOINT,
     Binned,
     Candidate,
@@ -28,8 +29,26 @@ from pumaid.diagnosis.records import (
     Size,
     Unexplained,
 )
-from pumaid.diagnosis.stepwise import DECISIVE, LEVEL, EvaluatedCandidate, Stepwise, misfit_with
-from pumaid.diagnosis.verdict import detection_limits, free_shape, joint_verdict
+from pumaid.diagnosis.score_test import (
+    FORM_VARIABLES,
+    FreeForm,
+    ScoreTable,
+    ScoreTest,
+    free_form_scores,
+    knot_values,
+    replicate_test,
+    sign_flips,
+)
+from pumaid.diagnosis.stepwise import (
+    DECISIVE,
+    LEVEL,
+    EvaluatedCandidate,
+    Stepwise,
+    detection_limits,
+    evidence,
+    misfit_with,
+    rmse,
+)
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
 from pumaid.errors import LogError, Note, Where
@@ -219,6 +238,82 @@ def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, 
     return mean, error, runs.astype(float)
 
 
+#: Chance, over all joints together, below which what repeats between replicates is not noise. Chance, over all joints
+#: together, below which a free form is more than noise.
+REPEATS, NAMELESS = 0.005, 0.01
+#: Share of the excess over the noise floor that what was added must take away. Excess of the mean square over the
+#: floor below which there is none to speak of.
+ENOUGH, EXCESS = 0.8, 1.02
+
+
+def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDiagnosis:
+    """One joint's verdict, what repeats, and the shape of what has no name, without the rest of its diagnosis.
+
+    It is that of the fits as it was given and with all that was added; `acting`: something of it acts there.
+    """
+    a, b = first.by_bin[joint], last.by_bin[joint]
+    before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
+    is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
+    forms = free_form_scores(last, joint)
+    chances = sign_flips(ScoreTable(last, Candidates(), tuple(forms)))
+    level = NAMELESS / len(last.joints)
+    passing = [form for form in forms if chances.p_value(form.added.key, form.surprise(last.scale)) <= level]
+    best = max(passing, key=lambda form: evidence(last, form), default=None)
+    is_clear = best is not None and evidence(last, best) > DECISIVE
+    is_gone, shape = False, None
+    verdict = MISSING if acting else ADEQUATE
+    if acting and after is not None and after.floor is not None:
+        floor2 = after.floor**2 + float(b.bins.count @ b.bins.inside / b.bins.count.sum())
+        start2, end2 = (rmse(item.bins, item.misfit) ** 2 for item in (a, b))
+        is_gone = start2 > EXCESS * floor2 and start2 - end2 >= ENOUGH * (start2 - min(floor2, end2))
+    if is_clear or (is_repeated and not is_gone):
+        verdict, top = UNEXPLAINED_JOINT, best or max(forms, key=lambda form: evidence(last, form), default=None)
+        shape = None if top is None else _shape(last, top, is_clear=is_clear)
+    return JointDiagnosis(joint, verdict, "", rmse(a.bins, a.misfit), None, before, unexplained=shape)
+
+
+def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
+    """The free form for people."""
+    free = trial.added.effect
+    assert isinstance(free, FreeForm) and trial.added.joint is not None
+    knots, values, errors = knot_values(solved, trial)
+    unit = FORM_VARIABLES[free.variable][0].format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
+    peak = float(knots[int(np.argmax(np.abs(values)))])
+    row = solved.by_bin[trial.added.joint]
+    freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
+    explained = max(trial.statistic - trial.width, 0.0)
+    excess = max(float(row.residual @ row.residual) - freedom, explained)
+    gain = explained / excess if excess > 0.0 else 0.0
+    text = f"what is left looks like {free.name}, largest at {peak:.3g} {unit}"
+    return Unexplained(
+        *(free.name, free.variable, unit, knots, values, errors, peak, float(gain), text), is_clear=is_clear
+    )
+
+
+#: FreeForm forms that are a family's own, and so no competitors of its effects.
+OWN = {
+    Family.SPEED: {"s f(v)"},
+    Family.LOAD: {"s f(load)"},
+    Family.POSITION: {"s f(q)"},
+    Family.START: {"s f(travel)"},
+    Family.TIME: {"s f(t)", "f(t)"},
+    Family.TEMPERATURE: {"s f(t)", "f(t)"},
+    Family.TORQUE: {"f(q)"},
+}
+
+
+def free_shape(
+    solved: Fit, joint: int, *, families: Iterable[Family] = (), beyond: float = -np.inf
+) -> Unexplained | None:
+    """The free form, other than some families' own, that explains a joint best, if its evidence is `beyond`."""
+    skipped = set[str]().union(*(OWN.get(family, set()) for family in families))
+    forms = [form for form in free_form_scores(solved, joint) if form.added.effect.name not in skipped]
+    best = max(forms, key=lambda form: evidence(solved, form), default=None)
+    if best is None or evidence(solved, best) <= beyond:
+        return None
+    return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
+
+
 def _rmse_of(fit: Fit, unseen: Sequence[JointBins]) -> float:
     """RMSE (A) of runs that no fit saw."""
     squares = [bins.count @ (fit.at(bins).misfit ** 2 + bins.inside) for bins in unseen]
@@ -344,16 +439,18 @@ class DiagnosisBuilder:
         accepted = self.search.accepted
         beside = [item for item in accepted if item.after.keys() & candidate.after.keys()]
         better = max(beside or accepted, key=lambda item: item.evidence, default=None)
-        why = reason(candidate, None if verdict == ADD or partner or better is None else better.key[0])
-        return Candidate(**self._facts(candidate, like), verdict=verdict, reason=why)
+        return Candidate(
+            **self._facts(candidate, like),
+            verdict=verdict,
+            reason=reason(candidate, None if verdict == ADD or partner or better is None else better.key[0]),
+        )
 
     def _facts(self, candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
         """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
         term, falls = candidate.trial.added, candidate.falls
         option = option_text(term.effect.name, term.joint, term.shape)
         covariance = pseudo_inverse(candidate.trial.information)[0] * candidate.on.scale
-        keys = [rival.key for rival in rivals if rival.key != term.key]
-        names = [name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys]
+        keys = dict.fromkeys(rival.key for rival in rivals if rival.key != term.key)
         return {
             "effect": term.effect.name,
             "joint": term.joint,
@@ -364,7 +461,7 @@ class DiagnosisBuilder:
             "rmse_heldout_before": falls.before if falls else None,
             "rmse_heldout_after": falls.after if falls else None,
             "sizes": sizes(term, self.robot, candidate.trial.sizes, covariance=covariance),
-            "rivals": tuple(dict.fromkeys(names)),
+            "rivals": tuple(name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys),
             "command": option and f"{IDENTIFY} --add {option}",
         }
 

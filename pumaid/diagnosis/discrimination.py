@@ -107,10 +107,13 @@ def plan_for_effect(
         if first is not None and second is not None:
             runs, lead = deciding(solved, first, second), evidence(solved, first) - evidence(solved, second)
             if lead > DECISIVE:
-                text = (
-                    f"the runs before these tell {name} of this size from {other} already (evidence {number(lead, 3)}"
+                notes.append(
+                    Note(
+                        "plan-decided",
+                        f"the runs before these tell {name} of this size from {other} already (evidence"
+                        f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more",
+                    )
                 )
-                notes.append(Note("plan-decided", f"{text}, decisive from {DECISIVE:g}); a smaller one needs more"))
     if runs is None or not runs.motions:
         raise ModelError("plan-undecided", f"no run within the limits {title}", mend=mend)
     plan = extended(base or Plan(robot.name, ()), [(title, runs)], robot)
@@ -134,8 +137,12 @@ def usual(truth: Truth, wanted: EffectChoice, size: float | None = None) -> Hidd
     None where the simulator has no such effect and no size is given.
     """
     if size is not None and not _LEAST <= abs(size) <= _LARGEST:
-        what, mend = f"no arm has an effect of the size {size:g}", f"give a number from {_LEAST:g} to {_LARGEST:g}"
-        raise ModelError("plan-impossible", what, Where(field=f"--for {wanted.effect}"), mend)
+        raise ModelError(
+            "plan-impossible",
+            f"no arm has an effect of the size {size:g}",
+            Where(field=f"--for {wanted.effect}"),
+            f"give a number from {_LEAST:g} to {_LARGEST:g}",
+        )
     first = catalogue()[wanted.effect].parameters(truth.robot, wanted.joint or 0)[0].name
     given = {} if size is None else {first: size}
     hidden = Hidden(wanted.effect, wanted.joint, {**wanted.shape, **given})
@@ -236,8 +243,12 @@ def showing(fit: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> Next
     gain = float(gains.min()) if motions else 0.0
     if MOST_REPEATS * gain < FOUND**2:
         return None
-    text = f"{words}: {effect.name} would show by {deviations(np.sqrt(gain))} standard deviations"
-    return NextRun(text, motions, float(np.sqrt(gain)), int(np.ceil(FOUND**2 / gain)))
+    return NextRun(
+        f"{words}: {effect.name} would show by {deviations(np.sqrt(gain))} standard deviations",
+        motions,
+        float(np.sqrt(gain)),
+        int(np.ceil(FOUND**2 / gain)),
+    )
 
 
 def _grid(fit: Fit, term: EffectTerm, *, most: int | None = SHAPES) -> list[EffectTerm]:
@@ -318,8 +329,7 @@ def _best_set(
     """The best set of one or two candidates in which the true effects act, made at the begin of a new recording.
 
     Its motions in rounds, so that replicates lie apart in time, the (D, 1) gain of each pair, and the set in words; of
-    no candidate at all, nothing. From several candidates on, each gets its best partner, that its own, and so on: the
-    exchange algorithm for sets of two.
+    no candidate, nothing. By exchange: several candidates each get their best partner, that its own, and so on.
     """
     terms, robot = [truth for truth, *_ in pairs], fit.model.robot
     tables = [
@@ -337,9 +347,8 @@ def _best_set(
     ]
     bins = int(np.clip(A_WAVE * max(waves, default=0.0) / (2.0 * np.pi), BINS, MOST_BINS))
     limit = max(TRIED * BINS // bins, 32)
-    if len(tried) > limit:
-        rng = np.random.default_rng(len(tried))
-        tried = [tried[k] for k in np.sort(rng.permutation(len(tried))[:limit])]
+    rng = np.random.default_rng(len(tried))
+    tried = [tried[k] for k in np.sort(rng.permutation(len(tried))[:limit])]
     if not tried:
         return (), np.zeros((0, 1)), ""
     joint = np.array([candidate.joint for candidate in tried])
@@ -369,8 +378,11 @@ def _best_set(
     if enough(gains(single[[max(chosen, key=lambda k: alone[k])]])):
         chosen = (max(chosen, key=lambda k: alone[k]),)
     picked = [tried[k] for k in chosen]
-    motions = tuple(motion for _ in range(REPLICATES) for block in picked for motion in block.motions)
-    return motions, gains(single[list(chosen)].sum(axis=0, keepdims=True)), _in_words(robot, picked, terms, new=new)
+    return (
+        tuple(motion for block in picked * REPLICATES for motion in block.motions),
+        gains(single[list(chosen)].sum(axis=0, keepdims=True)),
+        _in_words(robot, picked, terms, new=new),
+    )
 
 
 def _explored(fit: Fit) -> Robot:
@@ -379,15 +391,17 @@ def _explored(fit: Fit) -> Robot:
     position = np.vstack([row.bins.samples.position for row in fit.joints])
     low, high = position.min(axis=0).tolist(), position.max(axis=0).tolist()
     fastest = {row.bins.joint: max(abs(run.speed) for run in row.bins.runs) for row in fit.joints}
-    joints = [
-        replace(
-            joint,
-            limits=joint.limits or (low[joint.number - 1], high[joint.number - 1]),
-            max_velocity=joint.max_velocity or fastest.get(joint.number),
-        )
-        for joint in robot.joints
-    ]
-    return replace(robot, joints=tuple(joints))
+    return replace(
+        robot,
+        joints=tuple(
+            replace(
+                joint,
+                limits=joint.limits or (low[joint.number - 1], high[joint.number - 1]),
+                max_velocity=joint.max_velocity or fastest.get(joint.number),
+            )
+            for joint in robot.joints
+        ),
+    )
 
 
 def candidates(fit: Fit, joint: int) -> tuple[list[Block], set[tuple[float, ...]]]:

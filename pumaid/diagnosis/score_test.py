@@ -1,15 +1,17 @@
-"""Tests of a candidate: its score beside a fit, how good the best seems by chance, and what runs left out say of it."""
+"""Tests of a candidate: its score beside a fit, the best by chance, what runs left out say; free functions alike."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
+from typing import ClassVar
 
 import numpy as np
 
-from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
+from pumaid.diagnosis.candidates import PERIODIC, Candidates, Expansion, Key, Spectrum, grid_of, minus_log10_p
 from pumaid.diagnosis.records import Repeats, Transfer
 from pumaid.effect_spec import EffectTerm
+from pumaid.effects import Samples
 from pumaid.estimation.fit import ABSORBED, Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
 from pumaid.maths import FLAT, Floats, pseudo_inverse
@@ -310,9 +312,6 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats |
     return Repeats(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))
 
 
-#: A joint (from 1), and runs of it (from 0) that leave together.
-Fold = tuple[int, tuple[int, ...]]
-
 #: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
 #: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
 KEPT, MOST_LEAVING = 0.01, 1.0 / 3.0
@@ -338,9 +337,9 @@ class FoldLosses:
         return float(self.falls.mean()) / error if error > 0 else 0.0
 
 
-def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
-    """Repeated runs of each joint leave together; runs one by one where that would be too many."""
-    folds: list[Fold] = []
+def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
+    """Joints (from 1) and runs of each (from 0) that leave together: repeated ones, or each alone if too many would."""
+    folds = []
     for bins in (solved.by_bin[joint].bins for joint in joints):
         alone = tuple((number,) for number in range(len(bins.runs)))
         is_too_many = max(len(group) for group in bins.groups) > MOST_LEAVING * len(bins.runs)
@@ -348,7 +347,7 @@ def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[Fold]:
     return folds
 
 
-def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[Fold]) -> FoldLosses:
+def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:
     """Leave each fold out, choose one of the effect's shapes and fit without it, and see what it then predicts.
 
     Everything is done on Gram matrices of the whole less those of the fold.
@@ -441,3 +440,97 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
     along = (sums[0] - held @ turned[0]) / square
     error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
     return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)
+
+
+#: Variable -> its unit (``{unit}`` is rad or m), and knots of a free function over its span: a bump of an eighth of the
+#: span is still seen.
+FORM_VARIABLES = {"q": ("{unit}", 16), "v": ("{unit}/s", 8), "load": ("A", 8), "t": ("s", 8), "travel": ("{unit}", 8)}
+#: Variable of each form, and what multiplies the function of it: nothing, the direction s or the velocity v.
+FORMS = (("q", ""), ("q", "s"), ("q", "v"), ("v", "s"), ("load", "s"), ("t", "s"), ("t", ""), ("travel", "s"))
+#: Share of a knot's square below which it is absorbed by the model, and eigenvalues of what is left of the hats, as a
+#: share of the largest, below which it absorbs a combination of them.
+KNOT_ABSORBED, HATS_FLAT = 1e-4, 1e-3
+#: Combinations of hats of which the model absorbs more than all but this share are not drawn: their sizes are told with
+#: errors far above anything that is left.
+DRAWN = 0.1
+
+
+class FreeForm(Expansion):
+    """A free function of one variable, as hat functions, named like ``s f(q)``.
+
+    Source: C. de Boor, A Practical Guide to Splines, ch. 9 (linear B-splines).
+    """
+
+    needs_loads: ClassVar[bool] = True
+
+    def __init__(self, variable: str, factor: str, knots: Floats) -> None:
+        super().__init__(f"{factor} f({variable})".strip(), len(knots), self._made)
+        self.variable, self.factor, self.knots = variable, factor, knots
+
+    def _made(self, samples: Samples) -> Floats:
+        factors = {"": np.ones(len(samples)), "s": samples.direction, "v": samples.velocity[:, samples.joint - 1]}
+        x = variable(samples, self.variable)
+        hats = np.column_stack([np.interp(x, self.knots, hat) for hat in np.eye(len(self.knots))])
+        return np.asarray(hats * factors[self.factor][:, None])
+
+
+def variable(samples: Samples, name: str) -> Floats:
+    """(M,) values of a form's variable."""
+    column = samples.joint - 1
+    return {
+        "q": samples.position[:, column],
+        "v": np.abs(samples.velocity[:, column]),
+        "load": np.zeros(len(samples)) if samples.loads is None else samples.loads.moving,
+        "t": samples.time,
+        "travel": samples.travel,
+    }[name]
+
+
+def forms(bins: JointBins) -> Iterator[FreeForm]:
+    """Every form that the runs of a joint can show."""
+    for name, factor in FORMS:
+        x, count = variable(bins.samples, name), FORM_VARIABLES[name][1]
+        low, high = float(x.min()), float(x.max())
+        if high - low <= 1e-6 * max(abs(high), 1.0):
+            continue
+        knots: Floats = np.linspace(low, high, count)
+        if name == "v":
+            speeds = np.array(bins.speeds)
+            knots = speeds if len(speeds) <= count else np.quantile(speeds, np.linspace(0.0, 1.0, count))
+        if len(knots) > 1:
+            yield FreeForm(name, factor, knots)
+
+
+def free_form_scores(solved: Fit, joint: int) -> list[ScoreTest]:
+    """Every free form at one joint, in the directions of its hats that a fit with loads does not absorb."""
+    projector, out = Projector(solved), []
+    for form in forms(solved.by_bin[joint].bins):
+        term = EffectTerm(form, joint)
+        scores, information, raw = _hat_scores(projector, term)
+        visible = np.flatnonzero(np.diagonal(information) > KNOT_ABSORBED * raw)
+        if len(visible) < 2:
+            continue
+        values, vectors = np.linalg.eigh(information[np.ix_(visible, visible)])
+        turn = vectors[:, values > HATS_FLAT * values[-1]]
+        information, free = turn.T @ information[np.ix_(visible, visible)] @ turn, np.zeros(turn.shape[1])
+        out.append(score_of(term, scores[:, visible] @ turn, information, share=free + 1.0, signs=free))
+    return [trial for trial in out if trial is not None]
+
+
+def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats, Floats]:
+    """(R, K) scores, (K, K) information and (K,) squares of the hats of a form."""
+    columns = projector.columns([term])
+    scores, information, raw = projector.scores(projector.whitened(columns), columns[term.number].shape[1])
+    return scores, information[0], raw
+
+
+def knot_values(solved: Fit, trial: ScoreTest) -> tuple[Floats, Floats, Floats]:
+    """Knots, values there (A, as a current in the direction of motion where the form says so) and standard errors."""
+    free = trial.added.effect
+    assert isinstance(free, FreeForm)
+    scores, information, raw = _hat_scores(Projector(solved), trial.added)
+    unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    good = values > DRAWN
+    inverse = unit[:, None] * ((vectors[:, good] / values[good]) @ vectors[:, good].T) * unit
+    return free.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * solved.scale)

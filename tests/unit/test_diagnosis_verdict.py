@@ -11,11 +11,18 @@ from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, wi
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose
+from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose, joint_verdict
 from pumaid.diagnosis.records import ADD, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
-from pumaid.diagnosis.score_test import confirmed_share, replicate_test
+from pumaid.diagnosis.score_test import (
+    FORMS,
+    confirmed_share,
+    forms,
+    free_form_scores,
+    knot_values,
+    replicate_test,
+    variable,
+)
 from pumaid.diagnosis.stepwise import Stepwise, evidence
-from pumaid.diagnosis.verdict import FORMS, forms, free_form_scores, joint_verdict, knot_values, variable
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples, catalogue
 from pumaid.estimation.fit import Fit, elsewhere
