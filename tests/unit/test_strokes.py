@@ -14,7 +14,8 @@ from pumaid.estimation.fit import Fit
 from pumaid.estimation.nonlinear import fit_effects, search_bounds
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.preprocessing.binning import SegmentOptions, sliding, stroke_bins
+from pumaid.preprocessing.binning import SegmentOptions, sliding
+from pumaid.preprocessing.parallel_filter import stroke_bins
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import draw, simulate
