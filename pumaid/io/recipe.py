@@ -349,8 +349,11 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     lower, pairs = [name.lower() for name in names], [coupled(key) for key in form.coupling]
     for index, name in enumerate(lower):
         if name in lower[:index]:
-            what = f"joints {lower.index(name) + 1} and {index + 1} have the same name"
-            yield (("joints", index), what, "give each its own name")
+            yield (
+                ("joints", index),
+                f"joints {lower.index(name) + 1} and {index + 1} have the same name",
+                "give each its own name",
+            )
     for number in sorted({number for pair in pairs if pair for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
             yield (
@@ -491,8 +494,9 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
         recipes = [candidate for candidate in candidates if candidate.is_file()]
         if len({recipe.read_bytes() for recipe in recipes}) > 1:
             what = f"the logs' folders hold different recipes: {', '.join(map(str, recipes))}"
-            mend = "say which with --recipe FILE, or run the logs of each robot apart"
-            raise RecipeError("recipe-not-found", what, Where(), mend)
+            raise RecipeError(
+                "recipe-not-found", what, Where(), "say which with --recipe FILE, or run the logs of each robot apart"
+            )
         if recipes:
             return recipes[0]
     searched = dict.fromkeys(candidate for candidates in tiers for candidate in candidates)
@@ -563,8 +567,11 @@ def recipe_text(origin: str, *, joints: Sequence[str], **parts: Any) -> str:
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("pumaid.io"), autoescape=False, trim_blocks=True, lstrip_blocks=True
-    )  # plain text
+        loader=jinja2.PackageLoader("pumaid.io"),
+        autoescape=False,  # plain text
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     return environment.get_template("recipe.yaml.txt").render(
         origin=origin, joints=joints, ones=", ".join(["1"] * len(joints)), **parts
     )
