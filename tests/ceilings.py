@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25694,
-    "statements": 14863,
+    "lines": 25701,
+    "statements": 14861,
     "modules": 124,
     "import depth": 12,
     "lines of tests and tools": 21919,
