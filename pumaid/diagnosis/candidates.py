@@ -146,11 +146,18 @@ def settling(bins: Sequence[JointBins]) -> tuple[EffectTerm, ...]:
 
     Source: S.-K. Lin, eq. (35): acceleration feedback within the load compensator.
     """
-    steady = [item for item in bins if not item.accelerates.any()]
-    widths = [2 if len(item.speeds) > MOST_SPEEDS else len(item.speeds) for item in steady]
     return tuple(
-        EffectTerm(Expansion("settling", width, partial(_fading, np.array(item.speeds))), item.joint, NO_SHAPE)
-        for width, item in zip(widths, steady, strict=True)
+        EffectTerm(
+            Expansion(
+                "settling",
+                2 if len(item.speeds) > MOST_SPEEDS else len(item.speeds),
+                partial(_fading, np.array(item.speeds)),
+            ),
+            item.joint,
+            NO_SHAPE,
+        )
+        for item in bins
+        if not item.accelerates.any()
     )
 
 
@@ -321,8 +328,11 @@ def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Flo
     """(S, points) values at places between the points of a grid, shared out to both sides; what is off it is zero."""
     lower = np.clip(np.floor(place), 0, points - 2).astype(np.int64)
     part, index = place - lower, piece * points + lower
-    both = np.concatenate([values * (1.0 - part), values * part])
-    out = np.bincount(np.concatenate([index, index + 1]), both, minlength=int(piece[-1] + 1) * points)
+    out = np.bincount(
+        np.concatenate([index, index + 1]),
+        np.concatenate([values * (1.0 - part), values * part]),
+        minlength=int(piece[-1] + 1) * points,
+    )
     return np.asarray(out.reshape(-1, points), dtype=np.float64)
 
 

@@ -92,13 +92,14 @@ def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats)
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
     gain = 100.0 * candidate.gain
-    instead = f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
     return {
         "chance": "chance alone makes something as good in these data",
         "heldout": "it does not predict runs that were left out any better",
         "denied": "runs that were held out show too little of it, or are predicted decidedly worse with it",
         "worth": f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error",
-        None: instead if better else f"it lowers the error by {gain:.2g} % and predicts runs that were left out",
+        None: f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"
+        if better
+        else f"it lowers the error by {gain:.2g} % and predicts runs that were left out",
     }[candidate.fault]
 
 
@@ -233,8 +234,7 @@ def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, 
     _, at = np.unique(both[:, 0], return_inverse=True)
     runs = np.bincount(at)
     mean = np.bincount(at, by_run) / runs
-    spread = np.bincount(at, (by_run - mean[at]) ** 2)
-    error = np.sqrt(spread / np.where(runs > 1, runs * (runs - 1.0), np.nan))
+    error = np.sqrt(np.bincount(at, (by_run - mean[at]) ** 2) / np.where(runs > 1, runs * (runs - 1.0), np.nan))
     return mean, error, runs.astype(float)
 
 
@@ -256,8 +256,11 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
     is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
     forms = free_form_scores(last, joint)
     chances = sign_flips(ScoreTable(last, Candidates(), tuple(forms)))
-    level = NAMELESS / len(last.joints)
-    passing = [form for form in forms if chances.p_value(form.added.key, form.surprise(last.scale)) <= level]
+    passing = [
+        form
+        for form in forms
+        if chances.p_value(form.added.key, form.surprise(last.scale)) * len(last.joints) <= NAMELESS
+    ]
     best = max(passing, key=lambda form: evidence(last, form), default=None)
     is_clear = best is not None and evidence(last, best) > DECISIVE
     is_gone, shape = False, None
@@ -355,7 +358,6 @@ class DiagnosisBuilder:
             from pumaid.diagnosis.discrimination import deciding  # loads the engine of collisions
 
             next_run = deciding(rival.on, candidate.trial, rival.trial)
-        by_gain = sorted(candidate.after, key=lambda joint: candidate.after[joint] / candidate.before[joint])
         fit, keys = self.fits[-1], [effect.key for effect in self.fits[-1].model.effects]
         if term.joint is None and term.key in keys:
             # An effect of the whole arm moves gain ratios, which a score follows to first order only.
@@ -372,7 +374,10 @@ class DiagnosisBuilder:
             verdict=DOUBTFUL if transfer is not None and transfer.is_denied else ADD,
             reason=reason(candidate),
             next_run=next_run,
-            curves=tuple(self._curve(candidate, joint) for joint in by_gain[:PICTURES]),
+            curves=tuple(
+                self._curve(candidate, joint)
+                for joint in sorted(candidate.after, key=lambda j: candidate.after[j] / candidate.before[j])[:PICTURES]
+            ),
             transfer=transfer,
         )
 
@@ -417,8 +422,11 @@ class DiagnosisBuilder:
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
         """What was found, what runs held out denied, and what came near, at one joint."""
         search = self.search
-        judged = [item for step in reversed(search.steps) for item in reversed(step.evaluated)]
-        judged += [*reversed(search.denied), *reversed(search.accepted)]
+        judged = [
+            *(item for step in reversed(search.steps) for item in reversed(step.evaluated)),
+            *reversed(search.denied),
+            *reversed(search.accepted),
+        ]
         by_key = {item.key: item for item in judged if joint in item.after}
         best = sorted(by_key.values(), key=lambda item: (self._verdict(item) != ADD, -item.evidence))
         return tuple(self._candidate(item) for item in best[:LISTED])
@@ -436,9 +444,8 @@ class DiagnosisBuilder:
         partner, verdict, like = self._partner(candidate), self._verdict(candidate), candidate.rivals
         if partner is not None:
             like = (partner, *(rival for rival in partner.rivals if rival.key != candidate.key))
-        accepted = self.search.accepted
-        beside = [item for item in accepted if item.after.keys() & candidate.after.keys()]
-        better = max(beside or accepted, key=lambda item: item.evidence, default=None)
+        beside = [item for item in self.search.accepted if item.after.keys() & candidate.after.keys()]
+        better = max(beside or self.search.accepted, key=lambda item: item.evidence, default=None)
         return Candidate(
             **self._facts(candidate, like),
             verdict=verdict,

@@ -168,8 +168,9 @@ def extended(base: Plan, sets: Sequence[tuple[str, NextRun]], robot: Robot) -> P
         often, why = run.repeats or 1, f"{title}: {run.text}"
         motions += run.motions * often
         postures += [Posture(*at, (), why) for at in dict.fromkeys((m.joint, m.hold) for m in run.motions)]
-        times = f"made {often} times" if often > 1 else "made once"
-        assumptions.append(f"A set of {len(run.motions)} runs, {times}, {why}.")
+        assumptions.append(
+            f"A set of {len(run.motions)} runs, made {f'{often} times' if often > 1 else 'once'}, {why}."
+        )
     longer = replace(base, motions=tuple(motions), postures=tuple(postures), assumptions=tuple(assumptions))
     return replace(longer, duration=duration(robot, longer), efficiency=None)
 
@@ -280,7 +281,7 @@ class Separation:
         self.width, self.shapes = len(fit.inverse), len(rival)
         turned = fit.inverse @ sum(row.jacobian.T @ _columns(fit, row, [truth]) for row in fit.joints)
         # Products of the columns [Jacobian, what is to be explained, rival's columns] of the data and each candidate.
-        tables = [np.column_stack([r.jacobian, r.residual, _columns(fit, r, rival)]) for r in fit.joints]
+        tables = (np.column_stack([r.jacobian, r.residual, _columns(fit, r, rival)]) for r in fit.joints)
         self.data = np.sum([table.T @ table for table in tables], axis=0)
         self.data[self.width, self.width] = 0.0
         self.grams = np.zeros((count, *self.data.shape))

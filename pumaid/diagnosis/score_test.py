@@ -331,9 +331,7 @@ class FoldLosses:
     @property
     def steadiness(self) -> float:
         """Mean fall in its own standard errors."""
-        if len(self.falls) < 2:
-            return 0.0
-        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls))
+        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls)) if len(self.falls) > 1 else 0.0
         return float(self.falls.mean()) / error if error > 0 else 0.0
 
 

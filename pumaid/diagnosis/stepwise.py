@@ -201,8 +201,12 @@ class Stepwise:
 
     def _unsized(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
         """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
-        model = self.model.with_effects(marked([*settling(self._bins[0]), *added]))
-        return refit(self._first, model, bins=_chosen(self._bins, added), noise=noises)
+        return refit(
+            self._first,
+            self.model.with_effects(marked([*settling(self._bins[0]), *added])),
+            bins=_chosen(self._bins, added),
+            noise=noises,
+        )
 
     def run(self) -> Fit:
         """Add until nothing passes, again without what runs held out deny; the final system."""
@@ -246,8 +250,7 @@ class Stepwise:
         evaluated.sort(key=lambda item: -item.evidence)
         chosen = next((item for item in evaluated if item.fault is None), None)
         if chosen is not None:
-            like = self._rivals(chosen, evaluated, self.solved([*added, chosen.trial.added]))
-            chosen = replace(chosen, rivals=like)
+            chosen = replace(chosen, rivals=self._rivals(chosen, evaluated, self.solved([*added, chosen.trial.added])))
         return Step(table, chances, chosen, tuple(evaluated))
 
     def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:
@@ -395,9 +398,11 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
         out[key] = _limit(robot, group[0].effect, key, float(np.median(sizes or [np.inf])))
     for waves in scan.spectra:
         shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))
-        size = shift * float(np.sqrt(scale / np.median(waves.information)))
-        least = errors[waves.key[1] or 0] * float(np.sqrt(2.0 * WORTH / WAVE))
-        out[waves.key] = _limit(robot, catalogue()[waves.key[0]], waves.key, max(size, least))
+        size = max(
+            shift * float(np.sqrt(scale / np.median(waves.information))),
+            errors[waves.key[1] or 0] * float(np.sqrt(2.0 * WORTH / WAVE)),
+        )
+        out[waves.key] = _limit(robot, catalogue()[waves.key[0]], waves.key, size)
     return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
 
 
