@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25701,
-    "statements": 14861,
+    "lines": 25722,
+    "statements": 14846,
     "modules": 124,
     "import depth": 12,
     "lines of tests and tools": 21919,
