@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.design.candidate_runs import Collision, free_blocks, postures, speeds, sweeps
+from pumaid.design.candidate_runs import free_blocks, postures, speeds, sweeps
+from pumaid.design.collision import Collision
 from pumaid.design.information import CandidateInformation, Prior, candidate_information, gravity_names, prior_robots
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes

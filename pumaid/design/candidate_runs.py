@@ -1,177 +1,25 @@
-"""What a plan is made of, and in which order: one joint moving at constant speed over its range or a part, the others
-held, where the arm keeps its distance from forbidden boxes and from itself; distances are MuJoCo's.
-"""
+"""What a plan can be made of: one joint moving at constant speed over its range or a part, the others held."""
 
 import itertools
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
-from pumaid.errors import ModelError, RecipeError, Where, refuse
+from pumaid.design.collision import Collision
 from pumaid.maths import Floats
-from pumaid.robot import Joint, Robot, Safety, Sphere
-from pumaid.simulation.mujoco_engine import chain
+from pumaid.robot import Joint, Robot
 from pumaid.trajectory import (
-    MOVE_SHARE,
     QUICKEST_SLIDE,
     QUICKEST_TURN,
     Motion,
     accelerations,
     cruise,
     highest_speeds,
-    in_words,
     span,
 )
 from pumaid.units import factor
-
-#: m: no path within the margin is called free, and none that stays this far outside it is called a collision.
-TOLERANCE = 1e-3
-#: m beyond which a distance need not be known.
-_FAR = 10.0
-#: m, radius that stands for the tip.
-_POINT = 1e-6
-#: Random postures: a pair that touches in all of them is a fault of the recipe.
-_DRAWN = 400
-#: rad and m: range of joints without limits in these postures.
-_TURN, _SLIDE = (-np.pi, np.pi), (-0.5, 0.5)
-
-
-class Geometry(NamedTuple):
-    """A shape of the MuJoCo model."""
-
-    label: str
-    link: int  # 0 for the base
-    extent: float = 0.0  # m from the link's origin to its farthest point
-    is_box: bool = False
-
-
-class Collision:
-    """The arm's spheres, its tip and the forbidden boxes of a recipe's block `safety`, asked about whole paths.
-
-    Raises
-    ------
-    RecipeError [safety-always-touching]
-        A pair touches in every posture within the limits; a `Faults` where several do.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot, self.safety = robot, robot.safety or Safety()
-        self._pairs: list[tuple[Geometry, Geometry]] = []
-        if robot.safety is not None:
-            self._build()
-            self._refuse_what_always_touches()
-
-    @property
-    def is_free(self) -> bool:
-        """Whether the recipe forbids nothing."""
-        return not self._pairs
-
-    def first_hit(self, start: Floats, end: Floats) -> str | None:
-        """Where the straight path from `start` to `end` (J,), rad or m, first comes too near; None where it is free.
-
-        One sentence: what comes near to what, and at which joint positions.
-
-        Notes
-        -----
-        Conservative advancement: from a posture in which all distances are at least d beyond the margin, no point can
-        use that up before it has gone d, so the next posture looked at is that far away and nothing is missed.
-        """
-        if self.is_free:
-            return None
-        rates, share, margin = self._reach @ np.abs(end - start), 0.0, self.safety.margin
-        while True:
-            position = start + share * (end - start)
-            distance = self.distances(position)
-            nearest = int(distance.argmin())
-            if distance[nearest] < margin + TOLERANCE:
-                outer, inner = self._pairs[nearest]
-                return (
-                    f"{outer.label} comes nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm where the"
-                    f" joints are at {in_words(self.robot, position)}"
-                )
-            if share >= 1.0:
-                return None
-            with np.errstate(divide="ignore"):
-                share = min(1.0, share + float(np.min((distance - margin) / rates)))
-
-    def distances(self, position: Floats) -> Floats:
-        """(P,) m between the P pairs at joint positions (J,), negative where they overlap."""
-        import mujoco
-
-        self._data.qpos[:] = position
-        mujoco.mj_kinematics(self._model, self._data)
-        measure, model, data = mujoco.mj_geomDistance, self._model, self._data
-        return np.array([measure(model, data, outer, inner, _FAR, None) for outer, inner in self._geometries])
-
-    def _build(self) -> None:
-        """The MuJoCo model: a chain of bodies with the recipe's shapes on them, and the pairs that are checked."""
-        import mujoco
-
-        safety, last = self.safety, self.robot.n_joints
-        spec, bodies = chain(self.robot, [{"mass": 1.0, "inertia": [1.0, 1.0, 1.0]}] * last)
-        shapes = list[Geometry]()
-        for number, sphere in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
-            bodies[sphere.link].add_geom(name=str(len(shapes)), pos=sphere.centre, size=[sphere.radius, 0, 0])
-            label = f"sphere {number} of {f'link {sphere.link}' if sphere.link else 'the base'}"
-            shapes.append(
-                Geometry(
-                    label if number else "the tip", sphere.link, float(np.linalg.norm(sphere.centre)) + sphere.radius
-                )
-            )
-        for box in safety.boxes:
-            low, high = np.array(box.low), np.array(box.high)
-            spec.worldbody.add_geom(
-                name=str(len(shapes)), type=mujoco.mjtGeom.mjGEOM_BOX, pos=(low + high) / 2, size=(high - low) / 2
-            )
-            shapes.append(Geometry(f"the box '{box.name}'", 0, is_box=True))
-        self._model: Any = spec.compile()
-        self._data: Any = mujoco.MjData(self._model)
-        geometry = [self._model.geom(str(number)).id for number in range(len(shapes))]
-        # Moving shapes with boxes, and spheres with those of links that are not adjacent; without a stated tool the tip
-        # is the wrist's centre, which lies inside the wrist's own sphere.
-        pairs = [
-            (first, second)
-            for first, outer in enumerate(shapes)
-            for second, inner in enumerate(shapes)
-            if (inner.is_box and outer.link)
-            or (
-                outer.link > inner.link + 1 and (inner.link, outer.link) not in safety.ignore and (safety.tool or first)
-            )
-        ]
-        self._pairs = [(shapes[first], shapes[second]) for first, second in pairs]
-        self._geometries = [(geometry[first], geometry[second]) for first, second in pairs]
-        self._reach = np.array([self._lever(*pair) for pair in self._pairs])
-
-    def _lever(self, outer: Geometry, inner: Geometry) -> Floats:
-        """(J,) m a rad, or m a m: how far each joint takes the outer shape at most, seen from the inner one."""
-        out, length = np.zeros(self.robot.n_joints), outer.extent
-        for joint in reversed(self.robot.joints[inner.link : outer.link]):
-            out[joint.number - 1] = length if joint.is_revolute else 1.0
-            slide = 0.0 if joint.is_revolute else float(np.max(np.abs(joint.limits or _SLIDE)))
-            length += float(np.linalg.norm(joint.frame[:3, 3])) + slide
-        return out
-
-    def _refuse_what_always_touches(self) -> None:
-        joints, margin, faults = self.robot.joints, self.safety.margin, []
-        low, high = np.transpose([joint.limits or (_TURN if joint.is_revolute else _SLIDE) for joint in joints])
-        rng = np.random.default_rng(0)
-        distance = np.array([self.distances(position) for position in rng.uniform(low, high, (_DRAWN, len(low)))])
-        for pair in np.flatnonzero((distance < margin).all(axis=0)):
-            outer, inner = self._pairs[pair]
-            what = (
-                f"{outer.label} is nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm in all of {_DRAWN}"
-                " random postures within the limits, so no posture is allowed"
-            )
-            mend = f"make the spheres smaller, or add {[inner.link, outer.link]} to safety.ignore"
-            if inner.is_box:
-                mend = "make the box smaller; a sphere that does not move belongs to link 0, which may stand in a box"
-            faults.append(RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend))
-        refuse(faults)
-
 
 #: Shares of a joint's top speed: slow enough for Stribeck friction, fast enough to tell viscous friction from it.
 SHARES = (0.035, 0.07, 0.15, 0.3, 0.6, 1.0)
@@ -321,108 +169,3 @@ def free_blocks(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> l
                 out += [Block(place, (way,)) for way in ways if low <= way.low and way.high <= high]
                 break
     return out
-
-
-#: Random orders of a pass that are improved, and of which the shortest is taken.
-_STARTS = 30
-#: Rounds in which orders avoid the moves that were found to strike something.
-_ROUNDS = 60
-#: s that a move costs which strikes something.
-_STRUCK = 1e6
-#: Passes up to which each joint's highest speed is asked for early.
-_FEW = 2
-
-
-def schedule(
-    robot: Robot, passes: Sequence[Sequence[Block]], *, collision: Collision, rng: np.random.Generator
-) -> tuple[Motion, ...]:
-    """Motions in the order in which they are made.
-
-    Each pass has its own order, so that replicates are a pass apart: the shortest of thirty random orders after each
-    block has been moved to its best place. Of few passes the first begins with the fastest block of every joint, since
-    what changes with time and what changes with speed look alike where slow runs come early and fast ones late.
-
-    Raises
-    ------
-    ModelError [plan-unsafe]
-        A posture cannot be reached without a collision.
-    """
-    parts = list(passes)
-    if 0 < len(passes) <= _FEW and collision.is_free:  # with obstacles, fewer blocks at a time leave fewer free ways
-        fits = sorted(
-            (block for block in passes[0] if block.purpose == "fit"),
-            key=lambda block: max(sweep.speed for sweep in block.sweeps),
-        )
-        fastest = {block.joint: block for block in fits}
-        parts = [[b for b in passes[0] if (b is fastest.get(b.joint)) is first] for first in (True, False)]
-        parts += passes[1:]
-    parts = [part for part in parts if part]
-    out: list[Motion] = []
-    now: Sequence[float] | None = None
-    for part, later in zip(parts, [*parts[1:], []], strict=True):
-        order = _shortest(robot, part, [now, *(block.hold for block in later)], collision=collision, rng=rng)
-        for block in (part[k] for k in order):
-            out += replace(block, sweeps=tuple(block.sweeps[k] for k in rng.permutation(len(block.sweeps)))).motions
-        now = part[order[-1]].hold
-    return tuple(out)
-
-
-def _shortest(
-    robot: Robot,
-    blocks: Sequence[Block],
-    around: Sequence[Sequence[float] | None],
-    *,
-    collision: Collision,
-    rng: np.random.Generator,
-) -> list[int]:
-    """The shortest order of B blocks whose moves are free of collisions.
-
-    `around` are the posture in which the arm stands (None: in any) and those to one of which it goes afterwards.
-    """
-    count, (now, *later) = len(blocks), around
-    places = np.array([*(block.hold for block in blocks), blocks[0].hold if now is None else now])
-    # s of moves between blocks, from the start (node B) and to the end (node B + 1), which costs nothing. To the
-    # microsecond: an order and its reverse take equally long, and rounding must not choose between them.
-    cost, pace = np.zeros((count + 2, count + 2)), MOVE_SHARE * highest_speeds(robot)
-    cost[:-1, :-1] = np.round(np.max(np.abs(places[:, None] - places) / pace, axis=2), 6)
-    cost[count] *= now is not None
-    struck, hit = Counter[int](), ""
-
-    def first_hit(before: int, after: int) -> str | None:
-        ends = [places[after]] if after <= count else [np.array(place) for place in later]
-        hits = [collision.first_hit(places[before], end) for end in ends]
-        return hits[0] if hits and all(hits) else None
-
-    def length(path: Sequence[int]) -> float:
-        return round(float(np.sum(cost[path[:-1], path[1:]])), 6)
-
-    for _ in range(1 if collision.is_free else _ROUNDS):
-        paths = [_improved(cost, rng.permutation(count).tolist()) for _ in range(_STARTS)]
-        for path in sorted(paths, key=length):
-            if length(path) >= _STRUCK:
-                continue
-            moves = list(itertools.pairwise(path if now is not None else path[1:]))
-            for move, where in {move: where for move in moves if (where := first_hit(*move))}.items():
-                cost[move], hit = _STRUCK, where
-                before, after = move
-                struck[after if after <= count else before] += 1
-            if length(path) < _STRUCK:
-                return path[1:-1]
-    ((block, _),) = struck.most_common(1)
-    raise ModelError(
-        "plan-unsafe",
-        f"no way leads to or from a posture of joint {blocks[block].joint} without a collision: {hit}",
-        Where(joint=blocks[block].joint),
-        "narrow the limits, give fewer postures, or correct the recipe's boxes and spheres",
-    )
-
-
-def _improved(cost: Floats, order: list[int]) -> list[int]:
-    """The path from the start over all blocks to the end, each put where it makes the way shortest, twice."""
-    start, end = len(order), len(order) + 1
-    for block in 2 * list(order):
-        rest = [k for k in order if k != block]
-        before, after = [start, *rest], [*rest, end]
-        place = int(np.argmin(np.round(cost[before, block] + cost[block, after] - cost[before, after], 6)))
-        order = [*rest[:place], block, *rest[place:]]
-    return [start, *order, end]

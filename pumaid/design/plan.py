@@ -13,15 +13,14 @@ import numpy as np
 from pumaid.design.candidate_runs import (
     SHARES,
     Block,
-    Collision,
     Sweep,
     free_blocks,
     home,
     postures,
-    schedule,
     speeds,
     sweeps,
 )
+from pumaid.design.collision import Collision
 from pumaid.design.information import (
     RATE,
     CandidateInformation,
@@ -39,6 +38,7 @@ from pumaid.design.information import (
     prior_robots,
     rounded,
 )
+from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
 from pumaid.maths import Counts

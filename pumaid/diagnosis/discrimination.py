@@ -9,7 +9,8 @@ import numpy as np
 from scipy import special
 
 from pumaid.dataset import Dataset, Run
-from pumaid.design.candidate_runs import Block, Collision, free_blocks, home, postures, speeds, sweeps, top_speed
+from pumaid.design.candidate_runs import Block, free_blocks, home, postures, speeds, sweeps, top_speed
+from pumaid.design.collision import Collision
 from pumaid.design.information import prior_robots
 from pumaid.diagnosis.candidates import Suspect, grid_of
 from pumaid.diagnosis.records import Finding

@@ -7,7 +7,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from command import run
 
-from pumaid.design.candidate_runs import Collision
+from pumaid.design.collision import Collision
 from pumaid.io.recipe import read_recipe, shipped_recipes
 
 #: A ceiling above the hinge, which the outstretched arm would strike.

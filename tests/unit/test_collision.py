@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pumaid.design.candidate_runs import TOLERANCE, Collision
+from pumaid.design.collision import TOLERANCE, Collision
 from pumaid.errors import Faults
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Box, Joint, Robot, Safety, Sphere
