@@ -31,9 +31,10 @@ from pumaid import identify, segment, simulate
 from pumaid.dataset import first_motions
 from pumaid.design.plan import plan
 from pumaid.diagnosis.candidates import minus_log10_p
+from pumaid.diagnosis.detection_limits import detection_limits
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.records import UNEXPLAINED_JOINT
-from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise, detection_limits
+from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effects import catalogue
 from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes

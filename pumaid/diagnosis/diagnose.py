@@ -11,6 +11,8 @@ import numpy as np
 from pumaid.dataset import CONSTANT, Dataset, Run, first_motions
 from pumaid.diagnosis.candidates import Candidates, Suspect
 from pumaid.diagnosis.compare import budget
+from pumaid.diagnosis.detection_limits import detection_limits
+from pumaid.diagnosis.free_forms import FORM_VARIABLES, FreeForm, free_form_scores, knot_values
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
@@ -29,22 +31,12 @@ from pumaid.diagnosis.records import (
     Size,
     Unexplained,
 )
-from pumaid.diagnosis.score_test import (
-    FORM_VARIABLES,
-    FreeForm,
-    ScoreTable,
-    ScoreTest,
-    free_form_scores,
-    knot_values,
-    replicate_test,
-    sign_flips,
-)
+from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, replicate_test, sign_flips
 from pumaid.diagnosis.stepwise import (
     DECISIVE,
     LEVEL,
     EvaluatedCandidate,
     Stepwise,
-    detection_limits,
     evidence,
     misfit_with,
     rmse,

@@ -13,11 +13,10 @@ from worlds import PENDULUM, course, run_of
 
 from pumaid.dataset import Run, first_motions
 from pumaid.diagnosis.candidates import Spectrum, candidates, minus_log10_p, settling, spectrum
+from pumaid.diagnosis.cross_validation import leave_out, replicate_folds
 from pumaid.diagnosis.score_test import (
     ScoreTest,
-    leave_out,
     refine_shape,
-    replicate_folds,
     score_at,
     score_candidates,
     score_of,

@@ -10,9 +10,10 @@ from searches import LEVER, Din, Lab, design, lever, pendulum
 from worlds import PENDULUM
 
 from pumaid.diagnosis.candidates import candidates, settling
+from pumaid.diagnosis.detection_limits import detection_limits, needed
 from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.score_test import ScoreTable, SignFlips, score_candidates, sign_flips
-from pumaid.diagnosis.stepwise import Step, Stepwise, detection_limits, needed
+from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 

@@ -11,17 +11,11 @@ from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, wi
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
+from pumaid.diagnosis.cross_validation import confirmed_share
 from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose, joint_verdict
+from pumaid.diagnosis.free_forms import FORMS, forms, free_form_scores, knot_values, variable
 from pumaid.diagnosis.records import ADD, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
-from pumaid.diagnosis.score_test import (
-    FORMS,
-    confirmed_share,
-    forms,
-    free_form_scores,
-    knot_values,
-    replicate_test,
-    variable,
-)
+from pumaid.diagnosis.score_test import replicate_test
 from pumaid.diagnosis.stepwise import Stepwise, evidence
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples, catalogue

@@ -1,0 +1,139 @@
+"""What runs that are left out of a fit, or were never in it, say of a candidate."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pumaid.diagnosis.records import Transfer
+from pumaid.effect_spec import EffectTerm
+from pumaid.estimation.fit import Fit, Projector, elsewhere
+from pumaid.joint_bins import JointBins
+from pumaid.maths import FLAT, Floats, pseudo_inverse
+
+#: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
+#: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
+KEPT, MOST_LEAVING = 0.01, 1.0 / 3.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FoldLosses:
+    """What leaving runs out says of one effect: (F,) `falls` of the held-out whitened square, one a fold.
+
+    `before` and `after` are the RMSE (A) of the runs left out, without and with the effect.
+    """
+
+    falls: Floats
+    before: float
+    after: float
+
+    @property
+    def steadiness(self) -> float:
+        """Mean fall in its own standard errors."""
+        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls)) if len(self.falls) > 1 else 0.0
+        return float(self.falls.mean()) / error if error > 0 else 0.0
+
+
+def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
+    """Joints (from 1) and runs of each (from 0) that leave together: repeated ones, or each alone if too many would."""
+    folds = []
+    for bins in (solved.by_bin[joint].bins for joint in joints):
+        alone = tuple((number,) for number in range(len(bins.runs)))
+        is_too_many = max(len(group) for group in bins.groups) > MOST_LEAVING * len(bins.runs)
+        folds += [(bins.joint, group) for group in (alone if is_too_many else bins.groups)]
+    return folds
+
+
+def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:
+    """Leave each fold out, choose one of the effect's shapes and fit without it, and see what it then predicts.
+
+    Everything is done on Gram matrices of the whole less those of the fold.
+
+    Source
+    ------
+    M. Stone, J. R. Stat. Soc. B 36 (1974) 111-147, with clusters left out whole.
+    """
+    projector = Projector(solved)
+    plain = projector.columns(shapes)
+    white = projector.whitened(plain)
+    whole_cross, whole = projector.crossed(white), solved.information()
+    gram = np.sum([columns.T @ columns for columns in white.values()], axis=0)
+    slope = np.sum([columns.T @ solved.by_bin[joint].residual for joint, columns in white.items()], axis=0)
+    alone = np.diagonal(gram) - np.sum(whole_cross * (solved.inverse @ whole_cross), axis=0)
+    unit = np.divide(1.0, np.sqrt(np.maximum(alone, 0.0)), out=np.zeros_like(alone), where=alone > 0.0)
+    size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(whole / np.outer(size, size))
+    is_determined = values > FLAT * values[-1]
+    half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
+    places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
+    units = unit[places][:, :, None] * np.eye(places.shape[1])
+    for joint, runs in folds:
+        row = solved.by_bin[joint]
+        bins = np.isin(row.bins.run, runs)
+        J, r, weight = row.jacobian[bins], row.residual[bins], row.bins.count[bins]
+        C = white[joint][bins] if joint in white else np.zeros((len(r), len(slope)))
+        cross, inverse = whole_cross - J.T @ C, _inverse(whole - J.T @ J, half)
+        move = -inverse @ (J.T @ r)
+        turned = inverse @ cross
+        score = slope - C.T @ r - cross.T @ move
+        alone = (gram - C.T @ C - cross.T @ turned)[places[:, :, None], places[:, None, :]]
+        fitted = np.einsum("kvw,kw->kv", _inverse(alone, units), score[places])
+        best = int(np.argmax(np.sum(score[places] * fitted, axis=1)))
+        place, sizes = places[best], fitted[best]
+        error, bare = r - J @ move, row.bare[bins]
+        after = error - (C - J @ turned)[:, place] @ sizes
+        raw = row.misfit[bins] - bare @ move
+        drawn = plain[joint][bins][:, place] if joint in plain else 0.0
+        raw_after = raw - (drawn - bare @ turned[:, place]) @ sizes
+        inside = weight @ row.bins.inside[bins]
+        falls.append(float(error @ error - after @ after))
+        squares += (weight @ raw**2 + inside, weight @ raw_after**2 + inside, weight.sum())
+    return FoldLosses(np.array(falls), *np.sqrt(squares[:2] / squares[2]).tolist())
+
+
+def _inverse(information: Floats, half: Floats) -> Floats:
+    """Inverse (..., P, P) of what training runs tell, in directions of which they keep `KEPT` of the whole information.
+
+    What only the fold could tell stays at the fit of all: friction guessed at a speed never run is wrong by more than
+    any effect. `half` is a root of the inverse of the whole.
+    """
+    values, vectors = np.linalg.eigh(np.swapaxes(half, -1, -2) @ information @ half)
+    weight = np.where(values > KEPT, 1.0 / np.sqrt(np.maximum(values, KEPT)), 0.0)
+    turned = half @ (vectors * weight[..., None, :])
+    return np.asarray(turned @ np.swapaxes(turned, -1, -2))
+
+
+#: Standard deviations of what the effect adds to runs held out below which these say nothing of it.
+LEAST = 2.0
+
+
+def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) -> Transfer | None:
+    """The share of an effect's current that runs held out show; None where they could not show it.
+
+    What the whole model leaves of these runs is projected on what the effect adds there, by generalised least squares
+    with the covariance of their noise and of all fitted parameters but the effect's own; the error of these is told as
+    an error of the share. `added` is one of the effects of `last`, `heldout` are runs that were not fitted.
+
+    Source
+    ------
+    A. C. Atkinson, Biometrika 56 (1969) 33-41: a variable of the model's own prediction as a test of it.
+    """
+    place = [(effect.key, effect.shape) for effect in last.model.effects].index((added.key, added.shape))
+    is_effect = np.isin(np.arange(len(last.inverse)), last.columns_of(place))
+    held, sums = np.zeros_like(last.inverse), np.zeros((2, len(is_effect)))
+    drawn2, shared = 0.0, 0.0
+    for row in (elsewhere(last, bins) for bins in heldout if bins.joint in last.by_bin):
+        drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))
+        held += row.jacobian.T @ row.jacobian
+        sums += np.vstack([drawn, row.residual]) @ row.jacobian
+        drawn2, shared = drawn2 + float(drawn @ drawn), shared + float(drawn @ row.residual)
+    training = (last.information() + held)[np.ix_(~is_effect, ~is_effect)]
+    turned = np.zeros_like(sums)
+    turned[:, ~is_effect] = sums[:, ~is_effect] @ pseudo_inverse(training)[0]
+    square = drawn2 - float(sums[0] @ turned[0])
+    if square <= LEAST**2 * last.scale:
+        return None
+    weighed = (drawn2 - 2.0 * float(turned[0] @ sums[0]) + float(turned[0] @ held @ turned[0])) / square**2
+    along = (sums[0] - held @ turned[0]) / square
+    error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
+    return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)
