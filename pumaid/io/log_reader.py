@@ -280,7 +280,7 @@ class Cleaner:
                 "time-not-rising",
                 f"time goes back from {before[0, back]:.9g} s to {table[0, back]:.9g} s",
                 Where(file=self.name, row=int(rows[back]), column=name),
-                f"sort the file by {name}, or split it there if two recordings were joined",
+                f"delete the row with a wrong time, sort the file by {name}, or split it where recordings were joined",
             )
         measured = slice(len(table) - len(self.columns.places["extra"]))
         is_same = np.all((table[measured] == before[measured]) | np.isnan(table[measured]), axis=0)
