@@ -264,11 +264,13 @@ def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
         rows.append(
             [joint, label(item.effect), verdict, *scores, amount(item.rmse_after), " → ".join(folds) or "-", rivals]
         )
-    header = ("joint", "effect", "verdict", "p", "dBIC", "RMSE (A)", "cross-validated (A)", "not separated from")
+    header = ["joint", "effect", "verdict", "p", "dBIC", "RMSE (A)", "cross-validated (A)", "not separated from"]
     caption = (
         "p: over all effects and joints (family-wise). dBIC: evidence for the effect; above 10 is decisive. RMSE: of"
         " fitted runs, with the effect. Cross-validated: RMSE of runs left out of the fit, without → with the effect."
     )
+    if all(row[-1] == "-" for row in rows):
+        header, rows = header[:-1], [row[:-1] for row in rows]
     return Table("Candidates", header, rows, notes_of(marks), caption, (0, 1, 2, 7)) if rows else None
 
 

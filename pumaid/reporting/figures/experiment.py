@@ -83,7 +83,7 @@ def skeleton_figure(robot: Robot, position: Floats) -> Drawing:
         colour, marker = (FORWARD, "o") if joint.is_revolute else (BACKWARD, "s")
         axes.plot(axis[:, 0], axis[:, 1], color=colour, linewidth=1.8, zorder=3)
         axes.plot(*axis[1], marker, color=colour, markersize=8, markeredgecolor="none", zorder=4)
-        near = [place for place in labels if np.linalg.norm(axis[1] - place) < 0.03 * reach]
+        near = [place for place in labels if np.linalg.norm(axis[1] - place) < 0.08 * reach]
         labels.setdefault(near[0] if near else tuple(axis[1].tolist()), []).append(str(joint.number))
     for (x, y), numbers in labels.items():
         axes.annotate(

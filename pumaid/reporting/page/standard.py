@@ -32,7 +32,10 @@ def summary(context: ReportContext) -> Content:
     """The page's first screen."""
     scores = context.comparison.joints
     return {
-        "sentences": text.summary_sentences(context.dataset, context.estimate),
+        "sentences": [
+            *([text.headline(context.diagnosis, context.robot)] if context.diagnosis else []),
+            *text.summary_sentences(context.dataset, context.estimate),
+        ],
         "joints": [text.joint_sentence(score, context.robot) for score in scores],
         "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
     }
