@@ -1,8 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes."""
 
 CEILINGS = {
-    "lines": 25785,
-    "statements": 14904,
+    "lines": 25790,
+    "statements": 14906,
     "modules": 130,
     "import depth": 12,
     "lines of tests and tools": 21916,
