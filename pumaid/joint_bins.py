@@ -188,6 +188,10 @@ class JointBins:
         before, after = np.maximum(place - 1, first[self.run]), np.minimum(place + 1, last[self.run])
         return np.asarray((values[after] - values[before]) / np.maximum(after - before, 1))
 
+    def squares(self, misfit: Floats) -> Floats:
+        """(N,) A2 mean square of the samples of each bin beside a prediction that misses the bins by `misfit` (N,)."""
+        return np.asarray(misfit**2 + self.inside_left(self.current - misfit))
+
     def inside_left(self, drawn: Floats, spread: Floats | None = None) -> Floats:
         """(N,) A2 of variance inside bins that a prediction (N,) leaves; `spread` is its own variance there, by default
         that of its straight line from bin to bin."""

@@ -67,6 +67,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
     half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
     places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
     units = unit[places][:, :, None] * np.eye(places.shape[1])
+    remaining = {row.bins.joint: row.bins.inside_left(row.bins.current - row.misfit) for row in solved.joints}
     for joint, runs in folds:
         row = solved.by_bin[joint]
         bins = np.isin(row.bins.run, runs)
@@ -85,7 +86,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
         raw = row.misfit[bins] - bare @ move
         drawn = plain[joint][bins][:, place] if joint in plain else 0.0
         raw_after = raw - (drawn - bare @ turned[:, place]) @ sizes
-        inside = weight @ row.bins.inside[bins]
+        inside = weight @ remaining[joint][bins]
         falls.append(float(error @ error - after @ after))
         squares += (weight @ raw**2 + inside, weight @ raw_after**2 + inside, weight.sum())
     return FoldLosses(np.array(falls), *np.sqrt(squares[:2] / squares[2]).tolist())

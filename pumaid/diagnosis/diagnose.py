@@ -258,7 +258,8 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
     is_gone, shape = False, None
     verdict = MISSING if acting else ADEQUATE
     if acting and after is not None and after.floor is not None:
-        floor2 = after.floor**2 + float(b.bins.count @ b.bins.inside / b.bins.count.sum())
+        inside = b.bins.inside_left(b.bins.current - b.misfit)
+        floor2 = after.floor**2 + float(b.bins.count @ inside / b.bins.count.sum())
         start2, end2 = (rmse(item.bins, item.misfit) ** 2 for item in (a, b))
         is_gone = start2 > EXCESS * floor2 and start2 - end2 >= ENOUGH * (start2 - min(floor2, end2))
     if is_clear or (is_repeated and not is_gone):
@@ -311,7 +312,7 @@ def free_shape(
 
 def _rmse_of(fit: Fit, unseen: Sequence[JointBins]) -> float:
     """RMSE (A) of runs that no fit saw."""
-    squares = [bins.count @ (fit.at(bins).misfit ** 2 + bins.inside) for bins in unseen]
+    squares = [bins.count @ bins.squares(fit.at(bins).misfit) for bins in unseen]
     return float(np.sqrt(sum(squares) / sum(float(bins.count.sum()) for bins in unseen)))
 
 

@@ -124,7 +124,7 @@ def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
 
 def rmse(bins: JointBins, misfit: Floats) -> float:
     """RMSE (A) of the samples in some bins."""
-    return float(np.sqrt(bins.count @ (misfit**2 + bins.inside) / bins.count.sum()))
+    return float(np.sqrt(bins.count @ bins.squares(misfit) / bins.count.sum()))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

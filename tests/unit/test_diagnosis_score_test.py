@@ -22,6 +22,7 @@ from pumaid.diagnosis.score_test import (
     score_of,
     scores_at,
 )
+from pumaid.diagnosis.stepwise import rmse
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation.fit import Fit, FitRow, Projector, design_of, loaded
@@ -201,12 +202,21 @@ def test_falls_of_an_effect_in_several_joints():
     np.testing.assert_allclose(leave_out(solved, bent, folds).falls, expected, rtol=1e-3, atol=1e-2)
 
 
+def test_what_the_model_draws_inside_bins_is_no_error():
+    """These bins hold the course of the current and no noise inside; it made the error three quarters larger."""
+    lab = Lab.of(LEVER, design(LEVER))
+    row = lab.fitted(lab.noisy(1)).by_bin[1]
+    of_bins = np.sqrt(np.average(row.misfit**2, weights=row.bins.count))
+    assert rmse(row.bins, row.misfit) == pytest.approx(of_bins, rel=0.1)
+
+
 def test_rmse_of_runs_left_out_is_that_of_samples():
     """Before and after are in A, over the samples of every run once, the variance inside bins included."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("spring", 1, {"a": 0.1}))
     solved = lab.fitted(lab.noisy(1))
     row, squares, count = solved.by_bin[1], np.zeros(2), 0.0
     root = block_diag(*roots(row.bins, row.noise))
+    inside = row.bins.inside_left(row.bins.current - row.misfit)
     designs = (row.bare, np.column_stack([row.bare, SPRING[0].linear(solved.model.robot, row.bins.samples)]))
     for _, runs in replicate_folds(solved, [1]):
         out = np.isin(row.bins.run, runs)
@@ -215,7 +225,7 @@ def test_rmse_of_runs_left_out_is_that_of_samples():
             white = root[np.ix_(~out, ~out)]
             fitted = np.linalg.lstsq(white @ whole[~out] / size, white @ row.misfit[~out], rcond=1e-3)[0] / size
             left = row.misfit[out] - whole[out] @ fitted
-            squares[place] += float(row.bins.count[out] @ (left**2 + row.bins.inside[out]))
+            squares[place] += float(row.bins.count[out] @ (left**2 + inside[out]))
         count += float(row.bins.count[out].sum())
     found = leave_out(solved, SPRING, replicate_folds(solved, [1]))
     np.testing.assert_allclose([found.before, found.after], np.sqrt(squares / count), rtol=1e-4)
