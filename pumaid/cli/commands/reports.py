@@ -1,4 +1,4 @@
-"""``pumaid report``, ``history``, ``export``, ``effects`` and ``doctor``: what is known, for people and programs."""
+"""``pumaid report``, ``history``, ``export`` and ``effects``: what is known, for people and programs."""
 
 from __future__ import annotations
 
