@@ -110,7 +110,8 @@ class EffectTerm:
         if not self.touches(samples.joint):
             return np.zeros((len(samples), len(self.effect.parameters(robot, self.number))))
         at = self.shape if shape is None else shape
-        return np.nan_to_num(self.effect.columns(robot, samples, number=self.number, shape=at))
+        columns = self.effect.columns(robot, samples, number=self.number, shape=at)
+        return columns if np.isfinite(columns.sum()) else np.nan_to_num(columns)
 
     def columns(self, robot: Robot, samples: Samples) -> Floats:
         """(M, p) A per unit of each of `parts`."""

@@ -182,19 +182,23 @@ class Model:
 
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        return bins.averaged(self.at_nodes(bins, gravity))
+        if bins not in self._base_designs:
+            self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
+        beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
+        return np.hstack([self._base_designs[bins], bins.averaged(beyond)])
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
+        return np.hstack([self._base_at_nodes(bins), self.beyond(replace(bins.nodes[0], loads=gravity))])
+
+    def _base_at_nodes(self, bins: JointBins) -> Floats:
         nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
-        if bins not in self._base_designs:
-            steady = replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0))
-            self._base_designs[bins] = self.base(steady)
-            if bins.rigid_body is not None and self.is_dynamic:
-                # In blocks of any motion what the rigid body asks was averaged with the current.
-                rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
-                self._base_designs[bins][np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
-        return np.hstack([self._base_designs[bins], self.beyond(replace(nodes, loads=gravity))])
+        out = self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)))
+        if bins.rigid_body is not None and self.is_dynamic:
+            # In blocks of any motion what the rigid body asks was averaged with the current.
+            rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
+            out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
+        return out
 
     def base(self, samples: Samples) -> Floats:
         """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone."""
@@ -221,7 +225,12 @@ class Model:
 
     def beyond(self, samples: Samples) -> Floats:
         """(M, e) the columns of chosen effects, in the order in which they come after the paper's model."""
-        return np.hstack([np.zeros((len(samples), 0)), *(term.columns(self.robot, samples) for term in self.effects)])
+        places = np.array([column.place for column in self.columns[len(self._base) :]], dtype=int)
+        out = np.zeros((len(samples), len(places)))
+        for place, term in enumerate(self.effects):
+            if term.touches(samples.joint):
+                out[:, places == place] = term.columns(self.robot, samples)
+        return out
 
     def factors(self, scales: Floats, joint: int) -> Floats:
         """(p,) what multiplies each parameter in joint `joint`: ratios (J, J) for links, NaN where unknown; else 1."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Samples,
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import NoiseModel
 from pumaid.joint_bins import JointBins, extent
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.robot import Robot
 
 #: Effect and joint (from 1; None: the whole arm).
@@ -284,6 +284,43 @@ def spectrum(
     ------
     J. D. Scargle, Astrophys. J. 263 (1982) 835-853; W. H. Press and G. B. Rybicki, Astrophys. J. 338 (1989) 277-280.
     """
+    grid = _frequency_grid(bins, fewest_periods)
+    if grid is None:
+        return None
+    back = noise.unwhiten(bins, white) * grid.usable[bins.run]
+    shared = _shared(grid.place, back, piece=grid.piece, points=int(grid.place.max()) + 2)
+    scores = np.conj(fft.rfft(shared, n=grid.points, axis=1)[:, grid.chosen]) * (grid.turn / scale)
+    rho = noise.correlation
+    weight = np.where(grid.usable, 0.5 * bins.lengths / (noise.spread**2 * (1.0 - rho**2)), 0.0)
+    information = weight @ (1.0 + rho**2) - (2.0 * weight * rho) @ grid.likeness
+    for wave in without:
+        scores[:, np.abs(grid.frequency - wave) < grid.resolution * SAME] = 0.0
+    return Spectrum(key, grid.frequency, scores, information / scale, len(bins.runs) < FEWEST_RUNS)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _FrequencyGrid:
+    """F frequencies that the bins can show, and what of a spectrum the places of bins alone decide.
+
+    `chosen` are they among those of a transform of `points` points, `resolution` is that of the longest run, `usable`
+    (R,) runs are long enough, bins are at `place` (N,) on the even grid and in `piece` (N,); `turn` (F,) moves phases
+    to the joint's zero, `likeness` (R, F) is the mean cosine of the phase from bin to bin.
+    """
+
+    frequency: Floats
+    chosen: slice
+    points: int
+    resolution: float
+    usable: Flags
+    place: Floats
+    piece: Counts
+    turn: np.ndarray
+    likeness: Floats
+
+
+@lru_cache(maxsize=16)  # the same at every look at a joint
+def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | None:
+    """What `spectrum` needs of the places of bins; None where runs are too short for any frequency."""
     q, lengths = bins.samples.position[:, bins.joint - 1], bins.lengths
     low, high = np.minimum.reduceat(q, bins.first), np.maximum.reduceat(q, bins.first)
     way = high - low
@@ -293,28 +330,28 @@ def spectrum(
     top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
     slow = fewest_periods / way.max()
     lowest = 2.0 * np.pi * (max(slow, A_PIECE * PIECES / way[usable].sum()) if is_pieces else slow)
-    extent = float(high[usable].max() - low[usable].min())
-    step = 2.0 * np.pi / (POINTS * top)
-    points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * extent / step)), real=True)
+    start, step = float(low[usable].min()), 2.0 * np.pi / (POINTS * top)
+    points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * (high[usable].max() - start) / step)), real=True)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step))
-    in_range = slice(*np.searchsorted(frequency, (lowest, np.nextafter(top, np.inf))))
-    frequency = frequency[in_range]
+    chosen = slice(*np.searchsorted(frequency, (lowest, np.nextafter(top, np.inf))).tolist())
+    frequency = frequency[chosen]
     if len(frequency) < 3:
         return None
-    back = noise.unwhiten(bins, white) * usable[bins.run]
-    piece = _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run
-    shared = _shared((q - low[usable].min()) / step, back, piece=piece, points=int(extent / step) + 2)
-    turn = np.exp(1j * frequency * low[usable].min()) / np.sinc(0.5 * frequency * step / np.pi) ** 2 / scale
-    scores = np.conj(fft.rfft(shared, n=points, axis=1)[:, in_range]) * turn
-    information = np.zeros(len(frequency))
+    likeness = np.zeros((len(lengths), len(frequency)))
     for number in np.flatnonzero(usable):
         places = q[bins.first[number] : bins.first[number] + lengths[number]]
-        rho, spread = noise.correlation[number], noise.spread[number]
-        power = 1.0 - 2.0 * rho * _likeness(np.abs(np.diff(places)), frequency) + rho**2
-        information += 0.5 * lengths[number] * power / (spread**2 * (1.0 - rho**2))
-    for wave in without:
-        scores[:, np.abs(frequency - wave) < SAME * 2.0 * np.pi / way.max()] = 0.0
-    return Spectrum(key, frequency, scores, information / scale, is_pieces)
+        likeness[number] = _likeness(np.abs(np.diff(places)), frequency)
+    return _FrequencyGrid(
+        frequency,
+        chosen,
+        points,
+        2.0 * np.pi / float(way.max()),
+        usable,
+        np.where(usable[bins.run], (q - start) / step, 0.0),
+        _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run,
+        np.exp(1j * frequency * start) / np.sinc(0.5 * frequency * step / np.pi) ** 2,
+        likeness,
+    )
 
 
 def _pieces(bins: JointBins, way: Floats) -> Counts:

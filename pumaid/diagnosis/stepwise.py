@@ -252,13 +252,14 @@ class Stepwise:
         if effect is None or effect.periodic is None:
             return ()
         for bins in (bins for bins in self._bins[1] if effect.applies(self.model.robot, bins.joint) is None):
-            coarse, fine, key = solved.by_bin[bins.joint].residual, solved.at(bins), (effect.name, bins.joint)
-            white = fine.residual
+            coarse, misfit, key = solved.by_bin[bins.joint].residual, solved.misfit(bins), (effect.name, bins.joint)
+            noise = noise_of(bins, misfit)
+            white = noise.whiten(bins, misfit)
             square = solved.square - float(coarse @ coarse) + float(white @ white)
             scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1) / solved.scale
             terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
             waves = [term.shape[effect.periodic] for term in terms if term.key == key]
-            out.append(spectrum(key, bins, fine.noise, white=white, scale=scale, without=waves))
+            out.append(spectrum(key, bins, noise, white=white, scale=scale, without=waves))
         return tuple(item for item in out if item is not None)
 
     def _leaders(self, table: ScoreTable, chances: SignFlips) -> list[tuple[ScoreTest, Fit]]:
@@ -337,7 +338,9 @@ class Stepwise:
             if again is None or chances.p_value(current.key, again.surprise(solved.scale)) > LEVEL:
                 del self.added[place], self.accepted[place - len(self.given)]
                 continue
-            table = score_candidates(solved, candidates(solved, self.effects))
+            tried, joint = candidates(solved, self.effects), current.joint
+            instead = {key: terms for key, terms in tried.groups.items() if joint is None or terms[0].touches(joint)}
+            table = score_candidates(solved, replace(tried, groups=instead))
             allowed = [trial for trial in table.best().values() if self._denial(trial.added) is None]
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:

@@ -230,13 +230,20 @@ class Fit:
 
         (N, p) `design` is by its model; where not given it is made, and the bins have loads by the fit.
         """
-        if design is None:
-            design, bins = design_of(self.model, bins, self), replace(bins, samples=with_loads(self, bins))
-        local = Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
+        local = self._beside(bins, design)
+        bins = bins if design is not None else replace(bins, samples=with_loads(self, bins))
         bare, misfit = local.jacobian(self.gains, self.values), local.left(self.values, self.gains)
         noise = noise or noise_of(bins, misfit)
         white = noise.whiten(bins, np.column_stack([bare, misfit]))
         return FitRow(bins, noise, white[:, :-1], white[:, -1], bare, misfit)
+
+    def misfit(self, bins: JointBins) -> Floats:
+        """(N,) A that it leaves at any bins of a joint."""
+        return self._beside(bins).left(self.values, self.gains)
+
+    def _beside(self, bins: JointBins, design: Floats | None = None) -> Bilinear:
+        design = design_of(self.model, bins, self) if design is None else design
+        return Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
 
 
 def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:

@@ -106,6 +106,10 @@ class Formulas:
             ),
         )
 
+    def arrays(self) -> dict[str, Floats]:
+        """The paper's model by the names that exports give its tables."""
+        return {name: getattr(self, name) for name in ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")}
+
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
         """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""
         model = Model.of_estimate(self.robot, self.estimate)

@@ -60,12 +60,7 @@ def write(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
                     for joint in robot.joints
                 ],
                 "gravity": robot.gravity,
-                "moments": formulas.moments,
-                "ratios": formulas.ratios,
-                "felt": formulas.felt,
-                "coulomb": formulas.coulomb,
-                "viscous": formulas.viscous,
-                "shaft": formulas.shaft,
+                **formulas.arrays(),
                 "terms": [
                     {
                         "joint": term.joint,

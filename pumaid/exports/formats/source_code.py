@@ -40,12 +40,7 @@ class Language:
             "placed": robot.placements[:, :3, :3].reshape(-1, 9),
             "d": np.array([joint.d for joint in robot.joints]),
             "g": np.array(robot.gravity, dtype=float),
-            "moments": formulas.moments,
-            "ratios": formulas.ratios,
-            "felt": formulas.felt,
-            "coulomb": formulas.coulomb,
-            "viscous": formulas.viscous,
-            "shaft": formulas.shaft,
+            **formulas.arrays(),
         }
         start, end, _ = self.brackets
         kinds: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
