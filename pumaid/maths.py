@@ -99,12 +99,17 @@ def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOL
 
 def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
     """Pseudo-inverse (P, P) of a symmetric matrix in scaled columns, and the rank."""
+    half = inverse_root(information)
+    return half @ half.T, half.shape[1]
+
+
+def inverse_root(information: Floats) -> Floats:
+    """(P, k) whose product with its own transpose is the pseudo-inverse of a symmetric matrix of rank k."""
     size = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > FAINT * size.max(initial=0.0))
     values, vectors = np.linalg.eigh(information * unit[:, None] * unit[None, :])
     is_shown = values > FLAT * values[-1]
-    half = vectors[:, is_shown] / np.sqrt(values[is_shown])
-    return (unit[:, None] * half) @ (half.T * unit[None, :]), int(np.count_nonzero(is_shown))
+    return np.asarray(unit[:, None] * vectors[:, is_shown] / np.sqrt(values[is_shown]))
 
 
 #: A ratio of gains with a larger standard error than this says nothing about any machine.

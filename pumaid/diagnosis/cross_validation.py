@@ -9,7 +9,7 @@ from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
-from pumaid.maths import FLAT, Floats, pseudo_inverse
+from pumaid.maths import Floats, inverse_root, pseudo_inverse
 
 #: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
 #: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
@@ -61,10 +61,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
     slope = np.sum([columns.T @ solved.by_bin[joint].residual for joint, columns in white.items()], axis=0)
     alone = np.diagonal(gram) - np.sum(whole_cross * (solved.inverse @ whole_cross), axis=0)
     unit = np.divide(1.0, np.sqrt(np.maximum(alone, 0.0)), out=np.zeros_like(alone), where=alone > 0.0)
-    size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(whole / np.outer(size, size))
-    is_determined = values > FLAT * values[-1]
-    half = vectors[:, is_determined] / np.sqrt(values[is_determined]) / size[:, None]
+    half = inverse_root(whole)
     places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
     units = unit[places][:, :, None] * np.eye(places.shape[1])
     remaining = {row.bins.joint: row.bins.inside_left(row.bins.current - row.misfit) for row in solved.joints}

@@ -23,7 +23,7 @@ from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.joint_bins import JointBins, joint_bins
-from pumaid.maths import Counts, Flags, Floats, least_squares
+from pumaid.maths import Counts, Flags, Floats, inverse_root, least_squares
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import Pair
 from pumaid.robot import EffectChoice, Robot
@@ -33,8 +33,9 @@ from pumaid.units import number
 FAR = 2.0
 #: Share of a joint's current (RMS) that a misfit must be besides.
 SEEN = 1e-3
-#: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs.
-FEWEST, DISOWNED = 8, 4.0
+#: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs,
+#: which show a direction of the parameters if they have this share of what they and the file tell of it.
+FEWEST, DISOWNED, SHOWN = 8, 4.0, 0.25
 #: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
 #: share of the runs that may be: more are another matter.
 ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
@@ -281,10 +282,16 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     origins, bins, suspects = np.array([run.origin for run in row.bins.runs]), row.bins, list[tuple[float, str, str]]()
 
     def error(judged: Flags, fitted: Flags) -> float:
-        """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out."""
+        """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out.
+
+        What these hardly show beside the former stays as both have it together: it would be guessed.
+        """
         source, target = fitted[bins.run], judged[bins.run]
-        table = np.sqrt(bins.count[source])[:, None] * np.column_stack([design[source], row.misfit[source]])
-        correction = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-3)[0]
+        given, sought = (design[rows].T @ (bins.count[rows, None] * design[rows]) for rows in (source, target))
+        half = inverse_root(given + sought)
+        shares, vectors = np.linalg.eigh(half.T @ given @ half)
+        turned = half @ (vectors[:, shares > SHOWN] / np.sqrt(shares[shares > SHOWN]))
+        correction = turned @ (turned.T @ (design[source].T @ (bins.count * row.misfit)[source]))
         residual = row.misfit[target] - design[target] @ correction
         return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
@@ -299,7 +306,8 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
         usual = float(np.hypot(error(first, second), error(second, first)) / np.sqrt(2.0))
         missed = error(~rest, rest)
         why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(usual)} A"
-        suspects += [(missed / usual, name, why)] if missed > DISOWNED * usual else []
+        # What a fit of its own leaves of the file, too, the model lacks everywhere.
+        suspects += [(missed / usual, name, why)] if missed > DISOWNED * max(usual, error(~rest, ~rest)) else []
     return max(suspects, default=(0.0, None, ""))[1:]
 
 

@@ -364,6 +364,15 @@ def test_the_log_that_disagrees_is_named(tmp_path, place, share):
     assert "joint 1" in lines[0] and (share < 1.0 or len(lines) == 1)
 
 
+@pytest.mark.parametrize("frequency", [3.0, 9.0], ids=["told by the log itself", "not told by the others"])
+def test_a_log_that_went_further_is_not_named(tmp_path, frequency):
+    """What a model lacks shows in the log of the whole range; fits to a short range guess wildly beyond it."""
+    tables = [table.assign(i1=table.i1 + 0.4 * np.sin(frequency * table.q1)) for table in good(passes=3)]
+    tables[:2] = [table[(table.qd1.abs() < 0.02) | (table.q1 > 0.6)] for table in tables[:2]]
+    told = notes(tmp_path, tables)
+    assert "model-misses" in told and "logs-disagree" not in told
+
+
 def test_a_joint_without_any_load_has_no_misfit(tmp_path):
     """Torque behind the gears of an upright axis is noise alone: nothing is missed."""
     rng = np.random.default_rng(3)
