@@ -134,7 +134,9 @@ class Model:
         names = [column.name for column in self._base]
         #: Columns of the rigid body's base parameters, in their order.
         self.inertial = np.array([names.index(column.name) for column in body], dtype=np.int64)
-        self._base_designs = WeakKeyDictionary[JointBins, Floats]()  # shared by models with other effects
+        self._base_designs = WeakKeyDictionary[
+            JointBins, tuple[Floats, Floats]
+        ]()  # shared by models with other effects
         self._choose(effects)
 
     def _choose(self, effects: Sequence[EffectTerm]) -> None:
@@ -182,23 +184,24 @@ class Model:
 
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        if bins not in self._base_designs:
-            self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
         beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
-        return np.hstack([self._base_designs[bins], bins.averaged(beyond)])
+        return np.hstack([self._base_of(bins)[1], bins.averaged(beyond)])
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
-        return np.hstack([self._base_at_nodes(bins), self.beyond(replace(bins.nodes[0], loads=gravity))])
+        return np.hstack([self._base_of(bins)[0], self.beyond(replace(bins.nodes[0], loads=gravity))])
 
-    def _base_at_nodes(self, bins: JointBins) -> Floats:
-        nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
-        out = self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)))
-        if bins.rigid_body is not None and self.is_dynamic:
-            # In blocks of any motion what the rigid body asks was averaged with the current.
-            rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
-            out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
-        return out
+    def _base_of(self, bins: JointBins) -> tuple[Floats, Floats]:
+        """(3 N, b) columns of the paper's model at the nodes of bins, and (N, b) their means."""
+        if bins not in self._base_designs:
+            nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
+            out = self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)))
+            if bins.rigid_body is not None and self.is_dynamic:
+                # In blocks of any motion what the rigid body asks was averaged with the current.
+                rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
+                out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
+            self._base_designs[bins] = out, bins.averaged(out)
+        return self._base_designs[bins]
 
     def base(self, samples: Samples) -> Floats:
         """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone."""
