@@ -7,14 +7,16 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from fnmatch import fnmatch
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from pumaid.errors import Note, Where
+from pumaid.errors import Note, Where, listed
 from pumaid.maths import Counts, Floats
+from pumaid.robot import Payload
 
 #: (Joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
 FirstMotions = Mapping[tuple[int, int], float]
@@ -107,6 +109,7 @@ class Run:
     heldout: bool = False  # whether the plan keeps this run for judging only
     stamp_error: float = 0.0  # RMS by which time stamps are not when samples were taken, s; zero where that is unknown
     lead: float = 0.0  # rad or m that the joint had travelled since it last stood or turned back; 0 if unknown
+    payload: Payload | None = None  # the known load that the last link carried
 
     @property
     def accelerates(self) -> bool:
@@ -232,6 +235,17 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
         return Dataset(tuple(runs), tuple(rejects), files, notes, tuple(about["extra"])), about["made_from"]
     except _DAMAGES as error:
         raise ValueError(f"it cannot be read ({type(error).__name__})") from error
+
+
+def with_payloads(dataset: Dataset, payloads: Mapping[str, Payload]) -> Dataset:
+    """Runs with the known loads of their files, by names or patterns of these; a note tells which fit no file."""
+    files = {*(facts.name for facts in dataset.files), *(run.origin for run in dataset.runs)}
+    names = {name: [key for key in payloads if fnmatch(Path(name).name, key)] for name in files}
+    carried = {name: payloads[keys[-1]] for name, keys in names.items() if keys}
+    runs = tuple(replace(run, payload=carried.get(run.origin, run.payload)) for run in dataset.runs)
+    idle = sorted({*payloads}.difference(*names.values()))
+    text = f"the recipe states a payload for {listed(idle)}, and none of these logs is called so; is the name right?"
+    return replace(dataset, runs=runs, notes=(*dataset.notes, *([Note("payload-unused", text)] * bool(idle))))
 
 
 def coarser(bins: Bins, size: int) -> Bins:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from pumaid import __version__
-from pumaid.dataset import Dataset, load_dataset, save_dataset
+from pumaid.dataset import Dataset, load_dataset, save_dataset, with_payloads
 from pumaid.effect_spec import check_parameters, terms_of
 from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where, listed
 from pumaid.estimate import Estimate
@@ -115,6 +115,7 @@ class Experiment:
                 dataset = match_with_plan(dataset, read_plan(plan, self.robot))
             if self.is_kept and file:
                 keep_dataset(file, dataset, made_from, tell=self.tell)
+        dataset = with_payloads(dataset, self.robot.payloads)
         if not self.heldout:
             return dataset
         names = [facts.name for facts in dataset.files]

@@ -16,17 +16,21 @@ from pumaid.effects import Loads, Samples, Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
 from pumaid.maths import Flags, Floats, Recursion, independent
-from pumaid.rigid_body import base_parameters
-from pumaid.robot import Robot
+from pumaid.rigid_body import base_parameters, point_mass
+from pumaid.robot import Payload, Robot
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
+#: Name of the column of known loads, by which gains are known in A/(N m), or A/N.
+KNOWN_LOAD = "known_load"
 #: Units of a rotor's inertia, of masses and of first moments, of a joint that slides and of one that turns.
 UNITS = {
     "rotor": ("A s2/m", "A s2/rad"),
     "m": ("A s2/m", "A s2/m2"),
     **dict.fromkeys(("mx", "my", "mz"), ("A s2", "A s2/m")),
 }
+#: Share of the most that a known load asks of any joint, above which a joint feels it.
+FELT = 0.01
 #: Random postures a joint: several times the most columns that a row can have (2 n + 4 for n = 10 joints).
 POSTURES = 120
 
@@ -116,11 +120,14 @@ def _why_absent(robot: Robot, link: int, constant: bool) -> str:
 class Model:
     """The arm's base model (gravity, Coulomb, viscous), and the columns of `effects`, shapes filled in, last.
 
-    Where joints accelerate (`is_dynamic`) it has the rigid body's base parameters, weight among them.
+    Where joints accelerate (`is_dynamic`) it has the rigid body's base parameters, weight among them. Where the last
+    link carried known loads, the gain of the joint `scaled` (from 1; else 0) in A/(N m), or A/N, is a parameter.
     """
 
-    def __init__(self, robot: Robot, effects: Sequence[EffectTerm] = (), *, is_dynamic: bool = False) -> None:
-        self.robot, self.is_dynamic = robot, is_dynamic
+    def __init__(
+        self, robot: Robot, effects: Sequence[EffectTerm] = (), *, is_dynamic: bool = False, scaled: int = 0
+    ) -> None:
+        self.robot, self.is_dynamic, self.scaled = robot, is_dynamic, scaled
         self.structure: Structure = in_motion(robot) if is_dynamic else minimal(robot)
         body = body_columns(robot) if is_dynamic else []
         chosen = sorted(
@@ -130,7 +137,12 @@ class Model:
         terms = [EffectTerm(effect, number) for effect in chosen for number in range(1, robot.n_joints + 1)]
         parts = [part for term in terms for part in term.parts(robot, None) if part.name not in self.structure.absent]
         paper = [replace(part, span=math.inf) for part in parts]
-        self._base = (*(column for column in body if column.effect == INERTIA), *paper)
+        # What a joint further outward feels of known loads has a gain of its own, for it is next to nothing.
+        gains = [
+            Column(f"{KNOWN_LOAD}.{'j' if n > scaled else 'l'}{n}", f"eta{n}", "A/N", n, KNOWN_LOAD, scope=scope)
+            for n, scope in enumerate([Scope.LINK] + [Scope.JOINT] * (robot.n_joints - scaled), start=scaled)
+        ]
+        self._base = (*(column for column in body if column.effect == INERTIA), *paper, *(gains if scaled else []))
         names = [column.name for column in self._base]
         #: Columns of the rigid body's base parameters, in their order.
         self.inertial = np.array([names.index(column.name) for column in body], dtype=np.int64)
@@ -147,6 +159,7 @@ class Model:
         self.owners = np.array([column.owner for column in self.columns], dtype=int)
         self.is_scaled = np.array([column.scope is Scope.LINK for column in self.columns], dtype=bool)
         self.is_weight = np.array([column.effect == "gravity" for column in self.columns], dtype=bool)
+        self.is_load = self.is_weight | self.is_scaled & [column.effect == KNOWN_LOAD for column in self.columns]
 
     def with_effects(self, effects: Sequence[EffectTerm]) -> "Model":
         """The same arm with these effects instead of its own."""
@@ -157,7 +170,9 @@ class Model:
     @classmethod
     def of_runs(cls, robot: Robot, runs: Iterable[Run], effects: Sequence[EffectTerm] = ()) -> "Model":
         """The model that `runs` ask for: with inertia where a run accelerates."""
-        return cls(robot, effects, is_dynamic=any(run.accelerates for run in runs))
+        chosen = list(runs)
+        is_dynamic = any(run.accelerates for run in chosen)
+        return cls(robot, effects, is_dynamic=is_dynamic, scaled=outermost_loaded(robot, chosen))
 
     @classmethod
     def of_estimate(cls, robot: Robot, estimate: Estimate) -> "Model":
@@ -170,7 +185,8 @@ class Model:
             sizes = tuple(float(values[part.name]) for part in parts if part.shape is None)
             effects.append(replace(term, fitted=fitted, sizes=sizes))
         is_dynamic = any(name.startswith((f"{INERTIA}.l", "rotor.")) for name in estimate.names)
-        return cls(robot, effects, is_dynamic=is_dynamic)
+        scaled = next((int(name.rsplit("l", 1)[1]) for name in estimate.names if f"{KNOWN_LOAD}.l" in name), 0)
+        return cls(robot, effects, is_dynamic=is_dynamic, scaled=scaled)
 
     def regressor(self, samples: Samples) -> Floats:
         """(M, p) A in joint `samples.joint` per unit of every parameter, those of links in units of their own gain.
@@ -200,15 +216,46 @@ class Model:
                 # In blocks of any motion what the rigid body asks was averaged with the current.
                 rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
                 out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
+            loads = {run.payload for run in bins.runs if self.scaled and run.payload}
+            for payload in loads:
+                rows = np.repeat([run.payload == payload for run in bins.runs], 3 * bins.lengths)
+                parameters, constants = self._asked_by(payload)
+                place = max(bins.joint, self.scaled) - self.robot.n_joints - 1
+                out[rows, place] = out[rows] @ parameters + constants[bins.joint - 1]
             self._base_designs[bins] = out, bins.averaged(out)
         return self._base_designs[bins]
+
+    def _asked_by(self, payload: Payload) -> tuple[Floats, Floats]:
+        """(b,) parameters of links, in N m for A, that ask of every joint what a point mass on the last link does; and
+        (J,) N more of those that slide: a weight that is the same in every posture is Coulomb friction's in the model.
+        """
+        n, slides = self.robot.n_joints, ~self.robot.is_revolute
+        rng, resting = np.random.default_rng(0), np.zeros((n, POSTURES))
+        position, *rates = rng.normal(0.0, 3.0, (3, n, POSTURES)) if self.is_dynamic else (resting, resting, resting)
+        position = rng.uniform(-np.pi, np.pi, (n, POSTURES))
+        torque = point_mass(self.robot, payload, (position, *rates))
+        shares = np.zeros((n, POSTURES, len(self._base)))
+        if self.is_dynamic:
+            for share, rows in zip(shares, base_parameters(self.robot).rows(position, *rates), strict=True):
+                share[:, self.inertial[-len(rows) :]] = rows.T
+        else:
+            ways = np.zeros(POSTURES), np.ones(POSTURES)
+            shares = np.array([self.base(Samples(joint, position.T, resting.T, *ways)) for joint in range(1, n + 1)])
+        constants = np.repeat(np.diag(slides.astype(float)), POSTURES, axis=0)
+        table = np.hstack([shares.reshape(n * POSTURES, -1) * [*self.is_scaled[: len(self._base)]], constants])
+        solution = np.linalg.lstsq(table, torque.ravel(), rcond=1e-9)[0]
+        return solution[:-n], solution[-n:]
 
     def base(self, samples: Samples) -> Floats:
         """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone."""
         out, columns = np.zeros((len(samples), len(self._base))), enumerate(self._base)
         for (name, owner), group in itertools.groupby(columns, lambda item: (item[1].effect, item[1].owner)):
-            effect = catalogue()[name]
-            if effect.base and (owner == samples.joint or (effect.scope is Scope.LINK and owner > samples.joint)):
+            effect = catalogue().get(name)
+            if (
+                effect
+                and effect.base
+                and (owner == samples.joint or (effect.scope is Scope.LINK and owner > samples.joint))
+            ):
                 names = [parameter.name for parameter in effect.parameters(self.robot, owner)]
                 values = effect.columns(self.robot, samples, number=owner)
                 for index, column in group:
@@ -247,6 +294,18 @@ class Model:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""
         factors = np.nan_to_num(self.factors(estimate.scales, samples.joint))
         return np.asarray(self.regressor(samples) @ (factors * estimate.solution))
+
+
+def outermost_loaded(robot: Robot, runs: Sequence[Run]) -> int:
+    """The outermost joint (from 1) that felt the weight of known loads in its runs, or the last; 0 without loads."""
+    peaks = np.zeros(robot.n_joints)
+    for run, payload in ((run, run.payload) for run in runs if run.payload):
+        position = np.nan_to_num(run.posture)[:, None] + np.zeros((1, len(run.bins)))
+        position[run.joint - 1] = run.bins.position[:, run.joint - 1]
+        torque = point_mass(robot, payload, (position, 0.0 * position, 0.0 * position))[run.joint - 1]
+        peaks[run.joint - 1] = max(peaks[run.joint - 1], float(np.abs(torque).max()))
+    felt = np.flatnonzero(peaks > FELT * peaks.max()) if peaks.any() else [robot.n_joints - 1]
+    return int(felt[-1]) + 1 if any(run.payload for run in runs) else 0
 
 
 def body_columns(robot: Robot) -> list[Column]:

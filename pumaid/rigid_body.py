@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pumaid.maths import Floats
-from pumaid.robot import Robot
+from pumaid.robot import Payload, Robot
 
 #: Parameters of a link, in its joint's frame: mass (kg), first moments (kg m), moments and products of inertia about
 #: the frame's origin (kg m2), and the inertia of the rotor as the joint feels it.
@@ -47,6 +47,17 @@ class RigidBody:
                 for joint in range(link + 1):
                     parts[joint].append(column[joint])
         return [np.array(columns).reshape(len(columns), -1) for columns in parts]
+
+
+def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Floats]) -> Floats:
+    """(J, N) N m, or N, that a point mass on the last link asks of each joint; `motion` are (J, N) positions, rates and
+    accelerations.
+    """
+    mass, place = payload[0], np.array(payload[1:])
+    tensor = mass * (place @ place * np.eye(3) - np.outer(place, place))
+    parameters = np.array([mass, *(mass * place), *(tensor[TENSOR[name]] for name in PARAMETERS[4:10])])
+    tip = RigidBody(robot, (*([()] * (robot.n_joints - 1)), tuple(range(10))))
+    return np.array([parameters @ rows for rows in tip.rows(*motion)])
 
 
 #: One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N); and how

@@ -58,6 +58,11 @@ class Joint:
         return self.kind == "revolute"
 
     @property
+    def constant_unit(self) -> str:
+        """Unit of its torque or force constant."""
+        return "N m/A" if self.is_revolute else "N/A"
+
+    @property
     def position_unit(self) -> str:
         """``"rad"`` or ``"m"``."""
         return "rad" if self.is_revolute else "m"
@@ -127,6 +132,10 @@ class Safety:
     ignore: tuple[tuple[int, int], ...] = ()  # pairs of links whose spheres are not held against each other
 
 
+#: A known load that the last link carries: kg, and where its centre of mass is in that link's frame, m.
+Payload = tuple[float, float, float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class Robot:
     """The arm as its recipe states it; what is made once of an arm is cached by it, so that its parts are immutable."""
@@ -142,6 +151,7 @@ class Robot:
     safety: Safety | None = None  # what the arm must not touch
     # By (I, J), J < I from 1: turns of joint I's motor for a turn of J's while joint I stands; both have gear ratios.
     coupling: Mapping[tuple[int, int], float] = field(default_factory=dict, hash=False)
+    payloads: Mapping[str, Payload] = field(default_factory=dict, hash=False)  # by name or pattern of log files
 
     def joint(self, number: int) -> Joint:
         """Joint by its number, from 1."""

@@ -15,7 +15,7 @@ from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Bilinear, Counts, Flags, Floats, Gains
 from pumaid.model import Model, Structure
-from pumaid.robot import Robot
+from pumaid.robot import Payload, Robot
 from pumaid.simulation import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants, draw
 from pumaid.trajectory import Motion, Plan, cruise, duration
 from pumaid.units import number
@@ -26,10 +26,6 @@ DRAWN = 4
 NOISE = 0.02
 #: kg and m of a payload at most.
 _HEAVIEST, _FARTHEST = 1e5, 100.0
-
-
-#: kg; x, y, z (m) of its centre in the last link's frame.
-Payload = tuple[float, float, float, float]
 
 
 def loaded(truth: Truth, payload: Payload) -> Truth:

@@ -27,7 +27,6 @@ from pumaid.design.information import (
     ContinuousDesign,
     Criterion,
     Exchange,
-    Payload,
     Prior,
     absent_names,
     candidate_information,
@@ -44,7 +43,7 @@ from pumaid.estimate import Estimate
 from pumaid.maths import Counts
 from pumaid.model import minimal
 from pumaid.preprocessing.binning import DEFAULTS
-from pumaid.robot import Robot
+from pumaid.robot import Payload, Robot
 from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Plan, Posture, duration, highest_speeds, span, trapezoids
 from pumaid.units import factor, number
 

@@ -12,7 +12,7 @@ from pumaid.dataset import Dataset
 from pumaid.diagnosis.candidates import Candidates, Expansion, Spectrum, spectrum
 from pumaid.diagnosis.score_test import replicate_test, score_candidates, sign_flips
 from pumaid.effect_spec import EffectTerm
-from pumaid.errors import Note
+from pumaid.errors import Note, listed
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import (
     TOGETHER,
@@ -28,6 +28,7 @@ from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Counts, Floats
+from pumaid.model import KNOWN_LOAD
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.results.documents import check_same_recipe
@@ -484,6 +485,10 @@ def _notes(estimate: Estimate, dataset: Dataset, joints: Sequence[JointScore]) -
             " logs that the model never saw show what it predicts"
         )
         notes.append(Note("compared-with-fitted", text))
+    carried = sorted({run.origin for run in dataset.runs if run.payload})
+    if carried and not any(KNOWN_LOAD in name for name in estimate.names):
+        text = f"the model knows no torque constants, so it predicts {listed(carried, 3)} without the known load"
+        notes.append(Note("payload-unused", text))
     lost = sum(joint.undetermined for joint in joints)
     if lost:
         which = "1 run needs" if lost == 1 else f"{lost} runs need"

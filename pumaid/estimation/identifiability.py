@@ -16,7 +16,7 @@ from pumaid.estimation.fit import Fit, Row
 from pumaid.estimation.gls import covariance_of, interval, two_sided
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Floats
-from pumaid.model import Model
+from pumaid.model import KNOWN_LOAD, Model
 from pumaid.robot import posture_groups
 from pumaid.units import number
 
@@ -96,6 +96,10 @@ REASONS: dict[str, tuple[str, str | None]] = {
     "any value": ("these data fit nearly as well with any value of it that is physical", None),
     "no effect": ("nothing in these runs depends on it", None),
     "no size": ("no size of {effect} shows in these data", None),
+    "load alike": (
+        "the known loads were alike in all runs of the joints that feel them, so they pass for a part of the last link",
+        "repeat runs of a joint that lifts the load without it, or with another one",
+    ),
     "ratio, one posture": (
         "the joints outward of joint {inner} were held in one posture only, so its own weight cannot be told from the"
         " weight outward of it",
@@ -277,7 +281,8 @@ class FittedParameters:
     def values(self) -> tuple[Value, ...]:
         """Every parameter, every ratio of neighbours, and where such is open the next one outward that is known."""
         model = self.fitted.model
-        out = [self._parameter(index, column) for index, column in enumerate(model.columns)]
+        columns = [(index, column) for index, column in enumerate(model.columns) if column.effect != KNOWN_LOAD]
+        out = [self._parameter(index, column) for index, column in columns]
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
@@ -288,7 +293,38 @@ class FittedParameters:
             out.append(next(ratios))
             if out[-1].state != IDENTIFIED:
                 further += [ratio for ratio in ratios if ratio.state == IDENTIFIED][:1]
-        return (*out, *further)
+        return (*out, *further, *(self._torque_constants() if model.scaled else ()))
+
+    def _torque_constants(self) -> Iterator[Value]:
+        """N m/A, or N/A, of each joint: one over what known loads ask of the gain of one joint, and ratios to it."""
+        fitted, model = self.fitted, self.fitted.model
+        index = next(n for n, column in enumerate(model.columns) if column.effect == KNOWN_LOAD)
+        owner, gain = model.columns[index].owner, float(fitted.values[index])
+        error, dof = math.sqrt(self.covariance[index, index]), self.freedoms[index]
+        is_known = self._partners(index) is None and two_sided(gain / max(error, 1e-300), dof) < RATIO_LEVEL
+        for joint in model.robot.joints:
+            inner, outer = sorted((joint.number, owner))
+            bare = Value(f"torque_constant.j{joint.number}", f"K{joint.number}", joint.number, joint.constant_unit)
+            ratio = Value("", "", None, "", value=1.0) if inner == outer else self._ratio(inner, outer)
+            if not is_known or not self.coverage[joint.number] or ratio.value is None:
+                kind = "load alike" if self.coverage[joint.number] else "no runs"
+                why = {"reason": ratio.reason, "next_run": ratio.next_run} if is_known and ratio.reason else None
+                yield _open(bare, why or reason(kind))
+                continue
+            sign = 1.0 if joint.number <= owner else -1.0  # the gain is that of the owner times the ratio, or over it
+            slope = np.append(np.zeros(len(fitted.values)), sign * self._slope(inner, outer))
+            slope[index] = 1.0 / gain
+            value = 1.0 / (gain * ratio.value**sign)
+            off = float(np.sum((slope @ self.reach()) ** 2))
+            variance = value**2 * (float(slope @ self.covariance @ slope) + off)
+            yield _identified(bare, value, variance, min(float(self.freedoms[n]) for n in np.flatnonzero(slope)))
+
+    def _slope(self, inner: int, outer: int) -> Floats:
+        """(E,) derivative of the logarithm of eta_inner / eta_outer (joints from 1) by the ratio of each edge."""
+        gains = self.fitted.gains
+        down, up = gains.path(outer - 1), gains.path(inner - 1)
+        powers = np.array([(edge in down) - (edge in up) for edge in gains.edges], dtype=float)
+        return np.divide(powers, gains.ratios, out=np.zeros(len(powers)), where=gains.ratios != 0.0)
 
     def _parameter(self, index: int, column: Column) -> Value:
         model, partners = self.fitted.model, self._partners(index)
@@ -336,10 +372,8 @@ class FittedParameters:
     def _ratio(self, inner: int, outer: int) -> Value:
         p, gains, load = len(self.fitted.values), self.fitted.gains, (0.0, 0.0)
         bare = Value(f"gain_ratio.{inner}.{outer}", f"eta{inner}/eta{outer}", inner, "")
-        value, down, up = gains.ratio(inner - 1, outer - 1), gains.path(outer - 1), gains.path(inner - 1)
-        powers = np.array([(edge in down) - (edge in up) for edge in gains.edges], dtype=float)
-        rate = np.divide(powers, gains.ratios, out=np.zeros(len(powers)), where=gains.ratios != 0.0)
-        gradient = np.nan_to_num(value * rate)
+        value = gains.ratio(inner - 1, outer - 1)
+        gradient = np.nan_to_num(value * self._slope(inner, outer))
         edges = [int(edge) for edge in np.flatnonzero(gradient)]
         if self.coverage[inner] and self.coverage[outer] and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
@@ -360,10 +394,10 @@ class FittedParameters:
         return _open(bare, of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
 
     def _behind(self, edge: int) -> Counts:
-        """Numbers of the gravity parameters behind edge number `edge`."""
+        """Numbers of the parameters of loads behind edge number `edge`."""
         gains = self.fitted.gains
         return np.flatnonzero(
-            self.fitted.model.is_weight & np.isin(self.fitted.system.owners, gains.subtree(gains.edges[edge]))
+            self.fitted.model.is_load & np.isin(self.fitted.system.owners, gains.subtree(gains.edges[edge]))
         )
 
     def _is_loaded(self, edge: int) -> bool:

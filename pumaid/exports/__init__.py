@@ -44,7 +44,8 @@ def export(
     name
         For functions and files; made from the robot's name where not given.
     torque_constants
-        Joint (from 1) -> N m/A, or N/A of a slide, for forms with masses; others follow from the ratios of gains.
+        Joint (from 1) -> N m/A, or N/A of a slide, for forms with masses; where not given, those that known loads
+        showed. Others follow from the ratios of gains.
 
     Raises
     ------
@@ -56,7 +57,9 @@ def export(
     check_same_recipe(estimate, robot)
     check_parameters(estimate, robot)
     chosen, formulas = every_form()[form], Formulas.of(estimate, robot)
-    chain = bodies(formulas, torque_constants or {}) if chosen.has_bodies else None
+    constants = [value for value in estimate.values if value.name.startswith("torque_constant.")]
+    identified = {value.joint or 0: value.value for value in constants if value.value is not None}
+    chain = bodies(formulas, torque_constants or identified) if chosen.has_bodies else None
     subject = Subject(formulas, identifier(name or robot.name), chain, estimate.version or __version__)
     files, left_out = chosen.write(subject)
     return Exported(

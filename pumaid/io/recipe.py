@@ -326,6 +326,13 @@ class SafetyForm(StrictForm):
     ignore: list[Annotated[tuple[Link, Link], AS_LIST]] = _like("[[4, 6]], pairs of links", default=[])
 
 
+class PayloadForm(StrictForm):
+    """A known load on the last link."""
+
+    mass: Annotated[Finite, Field(ge=0.0, le=1e5)] = _like("0.5   (kg)")
+    at: Vector = _like("[0.1, 0, 0]   (m, its centre of mass in the last link's frame)")
+
+
 class RecipeForm(StrictForm):
     """The whole file."""
 
@@ -339,6 +346,9 @@ class RecipeForm(StrictForm):
     effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
     safety: SafetyForm = _like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
     coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = Field({})
+    files: dict[str, dict[Literal["payload"], PayloadForm]] = _like(
+        "{tool_*.csv: {payload: {mass: 0.5, at: [0.1, 0, 0]}}}", default={}
+    )
     source: Any = ""
     notes: Any = ""
     licence: Any = ""
@@ -418,6 +428,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         effect_lines=tuple(document.line_of(("effects", index)) for index in range(len(form.effects))),
         coupling={pair: ratio for key, ratio in form.coupling.items() if (pair := coupled(key)) is not None},
         safety=_safety(form.safety, turns),
+        payloads={name: (load.mass, *load.at) for name, file in form.files.items() for load in file.values()},
     )
 
 

@@ -20,17 +20,18 @@ OVERLAP = 0.8
 
 
 def replicates(runs: Sequence[Run]) -> list[list[int]]:
-    """Groups of indices into `runs` that repeat one another: same joint, kind, posture, speed, direction and span.
+    """Groups of indices into `runs` that repeat one another: same joint, kind, load, posture, speed, direction, span.
 
     Each begins with its earliest run, by the log's clock and not by the order of files, to which the others are held.
     """
     order = np.array(sorted(range(len(runs)), key=lambda n: (runs[n].start, runs[n].duration, runs[n].speed)), np.int64)
-    joint, kind, speed = (np.array([getattr(runs[n], name) for n in order]) for name in ("joint", "kind", "speed"))
+    state = np.array([f"{runs[n].joint} {runs[n].kind} {runs[n].payload}" for n in order])
+    speed, is_block = np.array([runs[n].speed for n in order]), np.array([runs[n].kind == BLOCK for n in order])
     posture, span = np.array([runs[n].posture for n in order]), np.array([runs[n].span for n in order]).reshape(-1, 2)
     low, high = span.min(axis=1), span.max(axis=1)
 
     def repeating(first: int, rest: Counts) -> Counts:
-        close = rest[(joint[rest] == joint[first]) & (kind[rest] == kind[first]) & (kind[rest] != BLOCK)]
+        close = rest[(state[rest] == state[first]) & ~is_block[rest]]
         close = close[np.abs(speed[close] - speed[first]) <= SAME_SPEED * abs(speed[first])]
         close = near(posture, first, close, within=SAME_POSITION)
         turns = _turns(span[first], span[close])

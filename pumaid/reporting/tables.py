@@ -52,6 +52,7 @@ LABELS = {
         ("gain_ratio", str(step)): (f"ηᵢ/ηᵢ₊{digit}", rf"$\eta_i/\eta_{{i+{step}}}$")
         for step, digit in enumerate("₂₃₄₅₆₇₈₉", 2)
     },
+    ("torque_constant", ""): ("K", r"$K$"),
     ("coulomb", "plus"): ("λ₁⁺", r"$\lambda_{1+}$"),
     ("coulomb", "minus"): ("λ₁⁻", r"$\lambda_{1-}$"),
     ("viscous", "plus"): ("λ₂⁺", r"$\lambda_{2+}$"),
@@ -146,7 +147,7 @@ def row_of(value: Value) -> tuple[str, str]:
     """Row of the parameter table in which a value stands: effect and parameter."""
     parts = value.name.split(".")
     if parts[0] != "gain_ratio":
-        return parts[0], "" if parts[0] == "rotor" else parts[-1]
+        return parts[0], "" if parts[0] in ("rotor", "torque_constant") else parts[-1]
     step = int(parts[2]) - int(parts[1])
     return parts[0], "" if step == 1 else str(step)
 
