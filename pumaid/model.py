@@ -225,6 +225,11 @@ class Model:
             self._base_designs[bins] = out, bins.averaged(out)
         return self._base_designs[bins]
 
+    def known_load(self, bins: JointBins, weights: Floats, *, at_nodes: bool = False) -> Floats:
+        """(N,) A that known loads ask in some bins, or (3 N,) at their nodes; `weights` are of every parameter."""
+        is_known = np.array([column.effect == KNOWN_LOAD for column in self._base])
+        return np.asarray(self._base_of(bins)[not at_nodes][:, is_known] @ weights[: len(is_known)][is_known])
+
     def _asked_by(self, payload: Payload) -> tuple[Floats, Floats]:
         """(b,) parameters of links, in N m for A, that ask of every joint what a point mass on the last link does; and
         (J,) N more of those that slide: a weight that is the same in every posture is Coulomb friction's in the model.
@@ -338,12 +343,13 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
 
     values = swept(samples, times * bins.lengths, table, turns=turns)
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
-    moving, drawn = load[:, 0], load[:, 0] + model.friction(samples, solution)
+    moving, weights = load[:, 0], np.nan_to_num(model.factors(scales, bins.joint)) * solution
     if bins.rigid_body is not None and model.is_dynamic:
-        weights = np.nan_to_num(model.factors(scales, bins.joint)) * solution
         torque = np.repeat(bins.rigid_body @ weights[model.inertial], times)
         moving = np.where(np.isfinite(torque), torque, moving)
-        drawn += moving - load[:, 0]
+    if model.scaled:
+        moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)
+    drawn = moving + model.friction(samples, solution)
     return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
 
 

@@ -58,6 +58,8 @@ KINDS = (
 SMALLEST_PART = 1e-3
 #: Standard errors beyond which a gain ratio, and an inertia, has a sign.
 SURELY, NEGATIVE = 5.0, 3.0
+#: Ratio of neighbours' gains that is none if it may be zero and is smaller: published arms are within a factor of ten.
+NO_RATIO = 0.1
 
 
 #: Slug (and variant) -> what a note says and what to do.
@@ -83,6 +85,9 @@ TEXTS = {
     " signs in the DH table, of the position columns and of gravity",
     "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
     " current or position is late or smoothed",
+    "ratio-none": "{name} comes out as none ({size}): the current of joint {joint} shows nothing of what the links"
+    " beyond joint {outer} ask of it, which no arm does. Was gravity or inertia taken out of these currents, or are"
+    " they simulated without? Their ratios and inertias are not to be relied on",
     "effects-not-settled": "the fit with {names} did not converge; two of its effects may be confounded",
     "several-clocks": "the logs have {clocks} clocks: {name} starts its time anew in each",
 }
@@ -249,6 +254,7 @@ def notes_on(
     # Beside another effect of speed, a viscous term is a part of friction only.
     of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
     yield from of_signs(estimate.values, of_speed)
+    yield from of_ratios(estimate.values, robot)
     if not result.is_settled:
         yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
     timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
@@ -439,6 +445,18 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
             )
     if passed:
         yield _note("load-through-gears", passed="; ".join(passed), beside="".join(parallel))
+
+
+def of_ratios(values: Sequence[Value], robot: Robot) -> Iterator[Note]:
+    """Ratios of neighbours alike in kind that come out as none: whatever the links beyond ask must be felt."""
+    for value in values:
+        inner, outer = value.joint or 0, (value.joint or 0) + 1
+        if value.name != f"gain_ratio.{inner}.{outer}" or value.ci95 is None:
+            continue
+        is_alike = robot.joint(inner).is_revolute == robot.joint(outer).is_revolute
+        if is_alike and value.ci95[0] < 0.0 < value.ci95[1] and max(map(abs, value.ci95)) < NO_RATIO:
+            size = f"{number(value.value or 0.0, 2)} ± {number(value.std_error or 0.0, 2)}"
+            yield _note("ratio-none", Where(joint=inner), name=value.name, size=size, outer=outer)
 
 
 def of_signs(values: Sequence[Value], of_speed: Collection[int | None] = ()) -> Iterator[Note]:

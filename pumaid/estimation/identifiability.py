@@ -307,9 +307,10 @@ class FittedParameters:
             bare = Value(f"torque_constant.j{joint.number}", f"K{joint.number}", joint.number, joint.constant_unit)
             ratio = Value("", "", None, "", value=1.0) if inner == outer else self._ratio(inner, outer)
             if not is_known or not self.coverage[joint.number] or ratio.value is None:
-                kind = "load alike" if self.coverage[joint.number] else "no runs"
                 why = {"reason": ratio.reason, "next_run": ratio.next_run} if is_known and ratio.reason else None
-                yield _open(bare, why or reason(kind))
+                if index in self.confounded:
+                    why = reason("confounded", names=listed(self.confounded[index], NAMED))
+                yield _open(bare, why or reason("load alike" if self.coverage[joint.number] else "no runs"))
                 continue
             sign = 1.0 if joint.number <= owner else -1.0  # the gain is that of the owner times the ratio, or over it
             slope = np.append(np.zeros(len(fitted.values)), sign * self._slope(inner, outer))

@@ -101,15 +101,17 @@ def test_a_slide_that_lifts_a_load_tells_its_force_constant(carrying):
     assert {2, 3} <= set(off) and max(map(abs, off.values())) < 3.5
 
 
-def rod(mass: float, seed: int) -> pd.DataFrame:
-    """A servo that swings a rod with a mass at 0.14 m to and fro at four speeds; K is 0.9 N m/A."""
+def rod(mass: float, seed: int, share: float = 0.0) -> pd.DataFrame:
+    """A servo that swings a rod with a mass at 0.14 m to and fro at four speeds; K is 0.9 N m/A, `share` of the load
+    is friction."""
     rng, rows, t = np.random.default_rng(seed), [], 0.0
     for speed in (1.0, 1.5, 2.0, 2.5) * 2:
         for way in (1.0, -1.0):
             time = np.arange(0.0, 4.0 / speed, 0.005)
             q = way * (speed * time - 2.0)
             torque = (0.01 + 0.14 * mass * 9.80665) * np.sin(q)
-            current = torque / 0.9 + way * (0.03 + 0.01 * speed) + 0.003 * rng.normal(size=len(q))
+            friction = way * (0.03 + 0.01 * speed + share * np.abs(torque) / 0.9)
+            current = torque / 0.9 + friction + 0.003 * rng.normal(size=len(q))
             rows.append(np.column_stack([t + time, q, np.full(len(q), way * speed), current]))
             rest = np.arange(0.0, 0.4, 0.005)
             zero = 0.0 * rest
@@ -138,6 +140,19 @@ def test_a_rod_with_known_masses_tells_the_torque_constant(bench):
     assert constant.std_error < 0.005
     told = run("export", bench / "results/model.json", "--format", "urdf", "-o", bench / "rod.urdf").stderr
     assert "no torque constant" not in told
+
+
+def test_friction_in_proportion_to_a_known_load_hides_the_constant(bench):
+    """Gears that lose as much lifting as lowering look like another constant with unequal losses: both are told."""
+    files = "files:\n" + "".join(f"  mass_{n}.csv: {{payload: {{mass: 0.{n}, at: [0.14, 0, 0]}}}}\n" for n in (1, 2))
+    (bench / "recipe.yaml").write_text(ROD + files)
+    for number in range(3):
+        rod(0.1 * number, number, 0.15).to_csv(bench / "logs" / f"mass_{number}.csv", index=False)
+    run("identify", bench / "logs", "--add", "load_friction@1")
+    estimate = read_model(bench / "results/model.json")
+    assert "load_friction.j1" in estimate.value("torque_constant.j1").reason
+    mean = next(total for total in estimate.combinations if "load_friction" in total.text)
+    assert mean.value == pytest.approx(0.15, abs=4.0 * mean.std_error) and mean.std_error < 0.01
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import worlds
-from faulty import csv, good, invoke, make
+from faulty import OUTER, RATIO, csv, good, invoke, make
 from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, identified, only, truth_in_units
 
 from pumaid.dataset import Dataset, Log, first_motions
@@ -371,6 +371,13 @@ def test_a_log_that_went_further_is_not_named(tmp_path, frequency):
     tables[:2] = [table[(table.qd1.abs() < 0.02) | (table.q1 > 0.6)] for table in tables[:2]]
     told = notes(tmp_path, tables)
     assert "model-misses" in told and "logs-disagree" not in told
+
+
+def test_currents_without_the_load_of_outer_links_are_told(tmp_path):
+    """Joint 1 feels joint 2's load in every arm: where it does not, the ratio of gains comes out as none."""
+    tables = [table.assign(i1=table.i1 - RATIO * OUTER * np.sin(table.q1 + table.q2 + 0.3)) for table in good(passes=3)]
+    assert "note[ratio-none]" in notes(tmp_path / "without", tables)
+    assert "ratio-none" not in notes(tmp_path / "with", good(passes=3))
 
 
 def test_a_joint_without_any_load_has_no_misfit(tmp_path):
