@@ -14,12 +14,13 @@ from pumaid import __version__
 from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.effect_spec import expanded
 from pumaid.effects import Family, Trace, load_refusal
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import Progress, interval, two_sided
 from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_postures, reason
+from pumaid.estimation.link_lengths import length_tests
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.joint_bins import JointBins, joint_bins
@@ -58,6 +59,8 @@ KINDS = (
 SMALLEST_PART = 1e-3
 #: Standard errors beyond which a gain ratio, and an inertia, has a sign.
 SURELY, NEGATIVE = 5.0, 3.0
+#: Chance at most, over all lengths, of calling a right one wrong.
+CONTRADICTED = 3e-3
 #: Ratio of neighbours' gains that is none if it may be zero and is smaller: published arms are within a factor of ten.
 NO_RATIO = 0.1
 
@@ -85,6 +88,9 @@ TEXTS = {
     " signs in the DH table, of the position columns and of gravity",
     "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
     " current or position is late or smoothed",
+    "length-wrong": "the motion contradicts the length {name} of joint {joint}, {length} m in the recipe: {fits}"
+    "{beside}. Until it is right, ratios, inertia and friction are off by more than their errors; physics that 'pumaid"
+    " diagnose' names may look like it",
     "ratio-none": "{name} comes out as none ({size}): the current of joint {joint} shows nothing of what the links"
     " beyond joint {outer} ask of it, which no arm does. Was gravity or inertia taken out of these currents, or are"
     " they simulated without? Their ratios and inertias are not to be relied on",
@@ -244,7 +250,8 @@ def notes_on(
 ) -> Iterator[Note]:
     """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
     fitted, effects = result.fit, result.fit.model.effects
-    yield from of_misfit(fitted, estimate.joints)
+    missed = list(of_misfit(fitted, estimate.joints))
+    yield from missed or of_lengths(fitted)  # what makes a model miss, as a zero or a clock, looks like lengths, too
     yield from of_runs(fitted)
     yield from of_drift(estimate.joints, repeated)
     for joint in sorted(fitted.weak):
@@ -445,6 +452,18 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
             )
     if passed:
         yield _note("load-through-gears", passed="; ".join(passed), beside="".join(parallel))
+
+
+def of_lengths(fitted: Fit) -> Iterator[Note]:
+    """The length of the recipe that motion contradicts most, with those that would mend it nearly as well."""
+    tests = sorted(length_tests(fitted), key=lambda test: -test.statistic)
+    sure = [test for test in tests if two_sided(test.more / test.error, test.dof) * len(tests) < CONTRADICTED]
+    for test in sure[:1] if tests[:1] == sure[:1] else ():
+        length = getattr(fitted.model.robot.joint(test.joint), test.name)
+        rivals = [f"{r.name} of joint {r.joint}" for r in sure[1:] if r.statistic > 0.5 * test.statistic]
+        fits = f"{number(length + test.more)} ± {number(test.error, 2)} m would fit"
+        beside = f" (or another {listed(rivals)})" if rivals else ""
+        yield _note("length-wrong", Where(joint=test.joint), name=test.name, length=length, fits=fits, beside=beside)
 
 
 def of_ratios(values: Sequence[Value], robot: Robot) -> Iterator[Note]:
