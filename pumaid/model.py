@@ -146,9 +146,7 @@ class Model:
         names = [column.name for column in self._base]
         #: Columns of the rigid body's base parameters, in their order.
         self.inertial = np.array([names.index(column.name) for column in body], dtype=np.int64)
-        self._base_designs = WeakKeyDictionary[
-            JointBins, tuple[Floats, Floats]
-        ]()  # shared by models with other effects
+        self._base_designs = WeakKeyDictionary[JointBins, Floats]()  # shared by models with other effects
         self._choose(effects)
 
     def _choose(self, effects: Sequence[EffectTerm]) -> None:
@@ -201,34 +199,38 @@ class Model:
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
         beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
-        return np.hstack([self._base_of(bins)[1], bins.averaged(beyond)])
+        return np.hstack([self._base_means(bins), bins.averaged(beyond)])
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
-        return np.hstack([self._base_of(bins)[0], self.beyond(replace(bins.nodes[0], loads=gravity))])
+        return np.hstack([self._base_at_nodes(bins), self.beyond(replace(bins.nodes[0], loads=gravity))])
 
-    def _base_of(self, bins: JointBins) -> tuple[Floats, Floats]:
-        """(3 N, b) columns of the paper's model at the nodes of bins, and (N, b) their means."""
+    def _base_means(self, bins: JointBins) -> Floats:
+        """(N, b) means of the paper's model over bins, kept as long as these are."""
         if bins not in self._base_designs:
-            nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
-            out = self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)))
-            if bins.rigid_body is not None and self.is_dynamic:
-                # In blocks of any motion what the rigid body asks was averaged with the current.
-                rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
-                out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
-            loads = {run.payload for run in bins.runs if self.scaled and run.payload}
-            for payload in loads:
-                rows = np.repeat([run.payload == payload for run in bins.runs], 3 * bins.lengths)
-                parameters, constants = self._asked_by(payload)
-                place = max(bins.joint, self.scaled) - self.robot.n_joints - 1
-                out[rows, place] = out[rows] @ parameters + constants[bins.joint - 1]
-            self._base_designs[bins] = out, bins.averaged(out)
+            self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
         return self._base_designs[bins]
+
+    def _base_at_nodes(self, bins: JointBins) -> Floats:
+        """(3 N, b) columns of the paper's model at the nodes of bins."""
+        nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
+        out = self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)))
+        if bins.rigid_body is not None and self.is_dynamic:
+            # In blocks of any motion what the rigid body asks was averaged with the current.
+            rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
+            out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
+        for payload in {run.payload for run in bins.runs if self.scaled and run.payload}:
+            rows = np.repeat([run.payload == payload for run in bins.runs], 3 * bins.lengths)
+            parameters, constants = self._asked_by(payload)
+            place = max(bins.joint, self.scaled) - self.robot.n_joints - 1
+            out[rows, place] = out[rows] @ parameters + constants[bins.joint - 1]
+        return out
 
     def known_load(self, bins: JointBins, weights: Floats, *, at_nodes: bool = False) -> Floats:
         """(N,) A that known loads ask in some bins, or (3 N,) at their nodes; `weights` are of every parameter."""
         is_known = np.array([column.effect == KNOWN_LOAD for column in self._base])
-        return np.asarray(self._base_of(bins)[not at_nodes][:, is_known] @ weights[: len(is_known)][is_known])
+        base = self._base_at_nodes(bins) if at_nodes else self._base_means(bins)
+        return np.asarray(base[:, is_known] @ weights[: len(is_known)][is_known])
 
     def _asked_by(self, payload: Payload) -> tuple[Floats, Floats]:
         """(b,) parameters of links, in N m for A, that ask of every joint what a point mass on the last link does; and
