@@ -228,6 +228,7 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
             for name, length in values["bins"].items():
                 bins[name], arrays[name] = np.split(arrays[name], [length])
             more = {"posture": np.array(values["posture"]), "span": tuple(values["span"]), "bins": Bins(**bins)}
+            more["payload"] = values["payload"] and tuple(values["payload"])
             runs.append(Run(**values | more))
         rejects = [Reject(**values | {"joints": tuple(values["joints"])}) for values in about["rejects"]]
         files = tuple(FileFacts(**facts) for facts in about["files"])

@@ -20,7 +20,7 @@ from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import Progress, interval, two_sided
 from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_postures, reason
-from pumaid.estimation.link_lengths import length_tests
+from pumaid.estimation.link_lengths import STEP, length_tests
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
 from pumaid.joint_bins import JointBins, joint_bins
@@ -94,6 +94,8 @@ TEXTS = {
     "ratio-none": "{name} comes out as none ({size}): the current of joint {joint} shows nothing of what the links"
     " beyond joint {outer} ask of it, which no arm does. Was gravity or inertia taken out of these currents, or are"
     " they simulated without? Their ratios and inertias are not to be relied on",
+    "sign-odd, load": "{name} comes out as {size}, against the sign of friction: is the known load stated for the logs"
+    " that carried it, and at the right place?",
     "effects-not-settled": "the fit with {names} did not converge; two of its effects may be confounded",
     "several-clocks": "the logs have {clocks} clocks: {name} starts its time anew in each",
 }
@@ -457,7 +459,12 @@ def of_gears(fitted: Fit, robot: Robot) -> Iterator[Note]:
 def of_lengths(fitted: Fit) -> Iterator[Note]:
     """The length of the recipe that motion contradicts most, with those that would mend it nearly as well."""
     tests = sorted(length_tests(fitted), key=lambda test: -test.statistic)
-    sure = [test for test in tests if two_sided(test.more / test.error, test.dof) * len(tests) < CONTRADICTED]
+    sure = [
+        test
+        for test in tests
+        if abs(test.more) > STEP  # no recipe knows a length better
+        and two_sided(test.more / max(test.error, 1e-12), test.dof) * len(tests) < CONTRADICTED
+    ]
     for test in sure[:1] if tests[:1] == sure[:1] else ():
         length = getattr(fitted.model.robot.joint(test.joint), test.name)
         rivals = [f"{r.name} of joint {r.joint}" for r in sure[1:] if r.statistic > 0.5 * test.statistic]
@@ -498,6 +505,8 @@ def of_signs(values: Sequence[Value], of_speed: Collection[int | None] = ()) -> 
             sign, same = ("negative", "the same sign") if pair > 0 else ("positive", "opposite signs")
             if size * pair < -SURELY * error * abs(pair):
                 yield _note("sign-odd", where, name=value.name, sign=sign, size=size, same=same)
+        if value.name.startswith("torque_constant") and size * ways.get(joint, 0.0) < -SURELY * error:
+            yield _note("sign-odd, load", where, name=value.name, size=shown)
         if value.name.startswith("inertia.j") and size * ways.get(joint, 0.0) < -NEGATIVE * error:
             yield _note("sign-odd, inertia", where, size=shown)
         friction = sizes.get(f"coulomb.j{joint}.plus", 0.0) - sizes.get(f"coulomb.j{joint}.minus", 0.0)

@@ -10,7 +10,8 @@ import pytest
 from command import run
 from free_motion import reach, recorded, waves
 
-from pumaid.dataset import Dataset, Run, with_payloads
+import pumaid
+from pumaid.dataset import Dataset, Run, load_dataset, save_dataset, with_payloads
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
@@ -140,6 +141,10 @@ def test_a_rod_with_known_masses_tells_the_torque_constant(bench):
     assert constant.std_error < 0.005
     told = run("export", bench / "results/model.json", "--format", "urdf", "-o", bench / "rod.urdf").stderr
     assert "no torque constant" not in told
+    dataset = pumaid.load(bench).dataset()
+    with (bench / "kept.npz").open("wb") as file:
+        save_dataset(file, dataset, {})
+    assert {run.payload for run in load_dataset(bench / "kept.npz")[0].runs} == {run.payload for run in dataset.runs}
 
 
 def test_friction_in_proportion_to_a_known_load_hides_the_constant(bench):
@@ -157,8 +162,13 @@ def test_friction_in_proportion_to_a_known_load_hides_the_constant(bench):
 
 @pytest.mark.parametrize(
     ("files", "words"),
-    [("'*.csv'", "were alike in all runs"), ("mas_1.csv", "payload-unused"), ("mass_1.csv, x", "recipe-wrong")],
-    ids=["in all logs", "a wrong name", "a wrong key"],
+    [
+        ("'*.csv'", "were alike in all runs"),
+        ("mas_1.csv", "payload-unused"),
+        ("mass_1.csv, x", "recipe-wrong"),
+        ("mass_0.csv", "of friction"),
+    ],
+    ids=["in all logs", "a wrong name", "a wrong key", "the wrong log"],
 )
 def test_what_known_loads_cannot_tell_is_told(bench, files, words):
     """The same load in all logs, a name that no log has, and a recipe that cannot be read so."""
