@@ -8,9 +8,7 @@ from pumaid.errors import RecipeError, Where, refuse
 from pumaid.maths import Floats
 from pumaid.robot import Robot, Safety, Sphere
 from pumaid.simulation.mujoco_engine import chain
-from pumaid.trajectory import (
-    in_words,
-)
+from pumaid.trajectory import in_words
 
 #: m: no path within the margin is called free, and none that stays this far outside it is called a collision.
 TOLERANCE = 1e-3

@@ -10,16 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.design.candidate_runs import (
-    SHARES,
-    Block,
-    Sweep,
-    free_blocks,
-    home,
-    postures,
-    speeds,
-    sweeps,
-)
+from pumaid.design.candidate_runs import SHARES, Block, Sweep, free_blocks, home, postures, schedule, speeds, sweeps
 from pumaid.design.collision import Collision
 from pumaid.design.information import (
     RATE,
@@ -37,7 +28,6 @@ from pumaid.design.information import (
     prior_robots,
     rounded,
 )
-from pumaid.design.schedule import schedule
 from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
 from pumaid.maths import Counts

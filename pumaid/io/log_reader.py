@@ -10,10 +10,9 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.robot import Joint, LogFormat, Robot
-from pumaid.units import UNITS
+from pumaid.units import UNITS, factor
 
 #: Quantities of a joint in the order in which a table's columns are kept.
 QUANTITIES = ("position", "velocity", "current", "temperature")
@@ -78,34 +77,25 @@ _JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
 _ANY = ""
 
 
-class RowFault(NamedTuple):
-    """A kind of faulty rows: the note's slug, what they have, what becomes of them, and how to mend a log of which a
-    larger share than `limit` has it.
-    """
-
-    slug: str
-    what: str
-    meaning: str
-    limit: float = 1.0
-    mend: str = ""
-
-
+#: Kinds of faulty rows: the note's slug, what they have, what becomes of them, the largest share of a log's rows that
+#: may have it, and how to mend a log with more.
 _KINDS = {
-    "bad": RowFault(
+    "bad": (
         *("bad-samples", "no number or an absurd one", "these rows are left out", MAX_BAD),
         "check units and columns in the recipe's log block; where positions and currents stand in different rows, join"
         " them by time (pandas.merge_asof does it)",
     ),
-    "repeated": RowFault("bad-samples", "the time and values of the row before", "these rows are left out"),
-    "tied": RowFault(
+    "repeated": ("bad-samples", "the time and values of the row before", "these rows are left out", 1.0, ""),
+    "tied": (
         *("bad-samples", "the time of the row before and other values", "these rows are left out", 0.5),
         "write the time with more digits",
     ),
-    "velocity": RowFault("column-absent", "no velocity", "speeds are taken from position there"),
-    "current": RowFault(
-        "column-absent", "no current", "these samples show nothing of their joints, and are not fitted"
+    "velocity": ("column-absent", "no velocity", "speeds are taken from position there", 1.0, ""),
+    "current": (
+        *("column-absent", "no current", "these samples show nothing of their joints, and are not fitted"),
+        *(1.0, ""),
     ),
-    "wrapped": RowFault("position-wraps", "a jump of position by a whole turn", "it is taken as continuous"),
+    "wrapped": ("position-wraps", "a jump of position by a whole turn", "it is taken as continuous", 1.0, ""),
 }
 
 
@@ -141,7 +131,7 @@ class LogReader:
                 source = log_format(stream.read(HEAD_BYTES), name)(file, name)
                 stream.seek(0)
                 digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
-            columns = resolve(source.schema(), self._robot, name, extra=self.extra)
+            columns = Columns(source.schema(), self._robot, name, extra=self.extra)
             cleaner = Cleaner(self._robot, columns, name)
             yield from filter(None, (cleaner.take(*batch) for batch in source.batches(columns.names)))
             after = file.stat()
@@ -162,25 +152,62 @@ class LogReader:
         self.files = (FileFacts(name, digest, cleaner.n_rows, cleaner.interval, cleaner.first_time, cleaner.last_time),)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class Columns:
-    """Which columns of one file are read and what each means.
+    """Which of a file's columns (`schema`; `name` for messages) are read for a robot, and what each means.
 
     Attributes
     ----------
     names, factors
-        (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign.
+        (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign;
+        those of `extra` are read without a factor.
     places
         Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
         the column asked for instead of the joint's. These stand last in `names`.
     notes
         What is absent and may be.
+
+    Raises
+    ------
+    LogError [column-missing]
+        Time, a position or a column of `extra` is absent, no current is there at all, or a needed name stands twice;
+        with what the file has, the nearest name, or a `log` block to paste. Several are told together (`Faults`).
     """
 
-    names: tuple[str, ...]
-    factors: Floats
-    places: dict[str, Counts]
-    notes: tuple[Note, ...]
+    def __init__(self, schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> None:
+        header = [column.name for column in schema]
+        wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
+        wanted["extra"] = list(extra)
+        refuse(_faults(header, robot, wanted, name))
+        unit = schema[header.index(robot.log.time)].unit
+        self.names, factors = [robot.log.time], [factor(unit or robot.log.units.get("time", "s"))]
+        self.places: dict[str, Counts] = {}
+        self.notes: list[Note] = []
+        for quantity, asked in wanted.items():
+            present = {k: column for k, column in enumerate(asked) if column in header}
+            lacking = [column for column in asked if column is not None and column not in header]
+            # A velocity or temperature that nobody named is passed over in silence.
+            usual = getattr(LogFormat(), quantity, None)
+            is_asked = quantity == "current" or present or getattr(robot.log, quantity, None) != usual
+            if lacking and is_asked and quantity in _ABSENCE:
+                text = f"no column {listed(lacking)}: {_ABSENCE[quantity]}"
+                self.notes.append(Note("column-absent", text, Where(file=name)))
+            if quantity == "velocity" and lacking:
+                present = {}
+            self.places[quantity] = np.array(
+                [(k, len(self.names) + count) for count, k in enumerate(present)], dtype=np.int64
+            ).reshape(-1, 2)
+            self.names += map(str, present.values())
+            factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
+        beyond = [
+            template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="")
+            for template in (robot.log.position, robot.log.current)
+            if "{joint" in template
+        ]
+        more = [column for column in beyond if column in header]
+        if more:
+            text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints"
+            self.notes.append(Note("more-joints", f"{text}: is it this robot's log?", Where(file=name)))
+        self.factors = np.array(factors)
 
 
 class Cleaner:
@@ -227,9 +254,14 @@ class Cleaner:
         self._unwrap(rows, table, before)
         self.first_time = float(table[0, 0]) if before is None else self.first_time
         self.last_time = float(table[0, -1])
-        return Log(
-            self.name, rows, table[0], **{quantity: self._by_place(quantity, table) for quantity in self.columns.places}
-        )
+        quantities: dict[str, Any] = {"velocity": None}
+        for quantity, places in self.columns.places.items():
+            if len(places) or quantity == "current":
+                # Column after column, NaN where one is absent.
+                values = np.full((len(places) if quantity == "extra" else self.robot.n_joints, len(rows)), np.nan)
+                values[places[:, 0]] = table[places[:, 1]]
+                quantities[quantity] = values.T
+        return Log(self.name, rows, table[0], **quantities)
 
     def _mark(self, kind: str, rows: Counts, faulty: Mapping[str, Flags]) -> Flags:
         """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
@@ -308,18 +340,6 @@ class Cleaner:
             table[column] += total * math.tau
             self._turns[joint] = total[-1]
 
-    def _by_place(self, quantity: str, table: Floats) -> Any:
-        """(N, J) of a quantity, or (N, E) of the extra columns, column after column, NaN where one is absent.
-
-        None where there is no velocity, no temperature, or nothing extra was asked for.
-        """
-        places = self.columns.places[quantity]
-        if not len(places) and quantity != "current":
-            return None
-        values = np.full((len(places) if quantity == "extra" else self.robot.n_joints, table.shape[1]), np.nan)
-        values[places[:, 0]] = table[places[:, 1]]
-        return values.T
-
     def notes(self) -> list[Note]:
         """What is worth a note about the file's rows.
 
@@ -367,8 +387,8 @@ class Cleaner:
         return notes
 
 
-def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
-    """Unit word of a joint's quantity in this robot's logs.
+def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
+    """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position.
 
     ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
     for revolute, mm for prismatic ones); without a word it is SI.
@@ -376,63 +396,9 @@ def unit_of(robot: Robot, quantity: str, joint: Joint) -> str:
     position = joint.position_unit
     si = {"position": position, "velocity": f"{position}/s", "current": "A", "temperature": "degC"}[quantity]
     words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
-    return next((word for word in words if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
-
-
-def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
-    """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position."""
+    unit = next((word for word in words if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
     signs = robot.log.signs.get("position" if quantity == "velocity" else quantity, (1,) * robot.n_joints)
-    return float(signs[joint.number - 1] * UNITS[unit_of(robot, quantity, joint)][1])
-
-
-def time_factor(robot: Robot) -> float:
-    """Seconds in one unit of the log's time."""
-    return UNITS[robot.log.units.get("time", "s")][1]
-
-
-def resolve(schema: Sequence[LogColumn], robot: Robot, name: str, *, extra: Sequence[str] = ()) -> Columns:
-    """Find the robot's columns in a file (`name` for messages), and those of `extra`, read without a factor.
-
-    Raises
-    ------
-    LogError [column-missing]
-        Time, a position or a column of `extra` is absent, no current is there at all, or a needed name stands twice;
-        with what the file has, the nearest name, or a `log` block to paste. Several are told together (`Faults`).
-    """
-    header = [column.name for column in schema]
-    wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
-    wanted["extra"] = list(extra)
-    refuse(_faults(header, robot, wanted, name))
-    unit = schema[header.index(robot.log.time)].unit
-    names, factors = [robot.log.time], [UNITS[unit][1] if unit else time_factor(robot)]
-    places: dict[str, Counts] = {}
-    notes: list[Note] = []
-    for quantity, asked in wanted.items():
-        present = {k: column for k, column in enumerate(asked) if column in header}
-        lacking = [column for column in asked if column is not None and column not in header]
-        # A velocity or temperature that nobody named is passed over in silence.
-        usual = getattr(LogFormat(), quantity, None)
-        is_asked = quantity == "current" or present or getattr(robot.log, quantity, None) != usual
-        if lacking and is_asked and quantity in _ABSENCE:
-            text = f"no column {listed(lacking)}: {_ABSENCE[quantity]}"
-            notes.append(Note("column-absent", text, Where(file=name)))
-        if quantity == "velocity" and lacking:
-            present = {}
-        places[quantity] = np.array(
-            [(k, len(names) + count) for count, k in enumerate(present)], dtype=np.int64
-        ).reshape(-1, 2)
-        names += map(str, present.values())
-        factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
-    beyond = [
-        template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="")
-        for template in (robot.log.position, robot.log.current)
-        if "{joint" in template
-    ]
-    more = [column for column in beyond if column in header]
-    if more:
-        text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints: is it this robot's log?"
-        notes.append(Note("more-joints", text, Where(file=name)))
-    return Columns(tuple(names), np.array(factors), places, tuple(notes))
+    return float(signs[joint.number - 1] * factor(unit))
 
 
 def _faults(

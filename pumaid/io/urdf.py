@@ -28,21 +28,18 @@ DECIMALS = 12
 _XACRO = "; of a xacro file make a URDF first: xacro FILE > arm.urdf"
 
 
-@dataclass(frozen=True, slots=True)
 class UrdfJoint:
-    """A joint as the file states it, of one of `TYPES`; `follows` is the joint that it mimics, or empty.
+    """A joint as the file states it, of `kind`, between the links `parent` and `child`; `moves` where it is not fixed.
 
-    Its numbers are checked when they are read, since not every joint is the arm's.
+    `follows` is the joint that it mimics, or empty. Its numbers are checked when they are read, since not every joint
+    is the arm's.
     """
 
-    name: str
-    kind: str
-    parent: str
-    child: str
-    follows: str
-    element: ElementTree.Element
-    file: str
-    moves: bool  # it is not fixed
+    def __init__(self, element: ElementTree.Element, file: str) -> None:
+        self.element, self.file = element, file
+        self.name, self.kind = (element.get(word, "").strip() for word in ("name", "type"))
+        self.parent, self.child = (_attribute(element, tag, "link") for tag in ("parent", "child"))
+        self.follows, self.moves = _attribute(element, "mimic", "joint"), self.kind != "fixed"
 
     def frame(self) -> Floats:
         """(4, 4) the joint's frame at zero in that of the link before, m; [urdf-refused] in another unit."""
@@ -100,7 +97,7 @@ class UrdfFile:
                     Where(self.file),
                     f"give each {tag} its own name",
                 )
-        joints = [self._joint(element) for element in robot.findall("joint")]
+        joints = [UrdfJoint(element, self.file) for element in robot.findall("joint")]
         self.carrier = {joint.child: joint for joint in joints}
         self.carried: dict[str, list[UrdfJoint]] = {link: [] for link in names["link"]}
         for joint in joints:
@@ -114,13 +111,6 @@ class UrdfFile:
         self.reach: dict[str, int] = {}
         for link in reversed(self.links):
             self.reach[link] = max((self.reach[j.child] + j.moves for j in self.carried[link]), default=0)
-
-    def _joint(self, element: ElementTree.Element) -> UrdfJoint:
-        name, kind = (element.get(word, "").strip() for word in ("name", "type"))
-        parent, child = (_attribute(element, tag, "link") for tag in ("parent", "child"))
-        return UrdfJoint(
-            name, kind, parent, child, _attribute(element, "mimic", "joint"), element, self.file, kind != "fixed"
-        )
 
     def _check(self, joint: UrdfJoint, stated: set[str]) -> None:
         """Refuse a joint of no type, at no link, or that closes a loop."""

@@ -18,9 +18,10 @@ import numpy as np
 
 from pumaid.dataset import Log
 from pumaid.errors import ModelError, ResultError, Where
-from pumaid.io.log_reader import QUANTITIES, factor_of, time_factor
+from pumaid.io.log_reader import QUANTITIES, factor_of
 from pumaid.io.paths import STDIN, is_log
 from pumaid.robot import Joint, Robot
+from pumaid.units import factor
 
 #: Decimals of a number in CSV: finer than any encoder, current sensor or clock.
 DECIMALS = 9
@@ -124,7 +125,7 @@ def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[Any]:
             for quantity, joint in product(QUANTITIES, robot.joints)
             if (name := robot.log.column(quantity, joint.number)) and getattr(log, quantity) is not None
         ]
-        table = {robot.log.time: log.time / time_factor(robot)}
+        table = {robot.log.time: log.time / factor(robot.log.units.get("time", "s"))}
         for name, quantity, joint in columns:
             table[name] = getattr(log, quantity)[:, joint.number - 1] / factor_of(robot, quantity, joint)
         yield pa.table(table)

@@ -9,9 +9,8 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.interpolate import CubicHermiteSpline
 
-from pumaid.design.robot_programs import ros2_trajectory, urscript
 from pumaid.errors import Faults, ModelError, PumaidError
-from pumaid.io.plan_file import find_plan, plan_text, read_plan
+from pumaid.io.plan_file import find_plan, plan_text, read_plan, ros2_trajectory, urscript
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import REST, Motion, Plan, Posture, highest_speeds

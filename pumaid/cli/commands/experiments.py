@@ -215,9 +215,8 @@ def plan(
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
-    from pumaid.design.robot_programs import PROGRAMS
     from pumaid.experiment import Experiment
-    from pumaid.io.plan_file import PLAN_NAME, plan_document, plan_text
+    from pumaid.io.plan_file import PLAN_NAME, PROGRAMS, plan_document, plan_text
     from pumaid.reporting.run_tables import plan_tables
     from pumaid.trajectory import Plan
 
