@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 
 #: Exit codes of the command line (interfaces: 0 done, 1 asks for attention, 2 misuse, 3 bad input, 4 our bug).
 EXIT_DONE, EXIT_ATTENTION, EXIT_USAGE, EXIT_BAD_INPUT, EXIT_BUG = range(5)
@@ -56,8 +56,7 @@ class Where:
 
     def parts(self) -> dict[str, object]:
         """The fields that are known."""
-        parts = {item.name: getattr(self, item.name) for item in fields(self)}
-        return {name: value for name, value in parts.items() if value is not None}
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 class PumaidError(Exception):
@@ -67,12 +66,8 @@ class PumaidError(Exception):
     """
 
     def __init__(self, slug: str, what: str, where: Where | None = None, mend: str = "") -> None:
-        super().__init__(what)
+        super().__init__(slug, what, where, mend)  # of which a copy, in another process too, is made
         self.slug, self.what, self.where, self.mend = slug, what, where or Where(), mend
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Copies, and errors that come from another process, are made by their four parts."""
-        return type(self), (self.slug, self.what, self.where, self.mend)
 
     def __str__(self) -> str:
         lines = [f"error[{self.slug}]: {self.what}"]
@@ -105,9 +100,7 @@ class Faults(PumaidError):
     def __init__(self, faults: Iterable[PumaidError]) -> None:
         self.faults = tuple(faults)
         super().__init__(self.faults[0].slug, "; ".join(fault.what for fault in self.faults))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return Faults, (self.faults,)
+        self.args = (self.faults,)
 
     def __str__(self) -> str:
         return "\n".join(str(fault) for fault in self.faults)

@@ -440,14 +440,16 @@ def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[s
                 "give three or more: fewer cannot tell whether friction grows evenly with speed",
             )
         )
-    for share in shares or ():
-        if not 0.0 < share <= 1.0:
-            faults.append(
-                (f"{share:g} is no share of a top speed", "give shares above 0 and at most 1, such as 0.1,0.3,0.8")
-            )
-    for what, count in counts.items():
-        if count is not None and not 1 <= count <= _MOST:
-            faults.append((f"{count} {what} are out of range", f"give 1 to {_MOST}"))
+    faults += [
+        (f"{share:g} is no share of a top speed", "give shares above 0 and at most 1, such as 0.1,0.3,0.8")
+        for share in shares or ()
+        if not 0.0 < share <= 1.0
+    ]
+    faults += [
+        (f"{count} {what} are out of range", f"give 1 to {_MOST}")
+        for what, count in counts.items()
+        if count is not None and not 1 <= count <= _MOST
+    ]
     refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 
@@ -472,32 +474,33 @@ def tilt_notes(planner: Planner) -> Iterator[Note]:
     """That a tilted base would show what an upright one hides, where it would."""
     first = next((joint for joint in planner.robot.joints if joint.is_revolute), None)
     hidden = absent_names(planner.structure)
-    if first is None or not np.any(planner.robot.gravity) or not any(f".l{first.number}." in name for name in hidden):
-        return
-    yield Note(
-        "plan-needs-tilt",
-        f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical. With"
-        " the base tilted by some 10 deg they can: plan and identify with a recipe whose gravity says so",
-        Where(joint=first.number),
-    )
+    if first is not None and np.any(planner.robot.gravity) and any(f".l{first.number}." in name for name in hidden):
+        yield Note(
+            "plan-needs-tilt",
+            f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical."
+            " With the base tilted by some 10 deg they can: plan and identify with a recipe whose gravity says so",
+            Where(joint=first.number),
+        )
 
 
 def unusable_notes(robot: Robot, given: Plan) -> Iterator[Note]:
     """Runs that are too short or too slow to be found in a log; one note a joint."""
-    lost: dict[int, list[int]] = {}
-    for place, motion in enumerate(given.motions, start=1):
-        if abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed:
-            lost.setdefault(motion.joint, []).append(place)
-    for moving, places in sorted(lost.items()):
-        joint = robot.joint(moving)
-        unit = joint.position_unit
-        yield Note(
-            "plan-unusable",
-            f"{len(places)} run(s) of joint {moving} ({joint.name}) will not be found in the logs: a run must go"
-            f" over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the first is"
-            f" run {places[0]}. Give it more room (its limits in the recipe) or speed",
-            Where(joint=moving, field=f"runs[{places[0]}]"),
-        )
+    for joint in robot.joints:
+        places = [
+            place
+            for place, motion in enumerate(given.motions, start=1)
+            if motion.joint == joint.number
+            and (abs(motion.end - motion.start) < DEFAULTS.min_travel or motion.velocity <= DEFAULTS.rest_speed)
+        ]
+        if places:
+            unit = joint.position_unit
+            yield Note(
+                "plan-unusable",
+                f"{len(places)} run(s) of joint {joint.number} ({joint.name}) will not be found in the logs: a run must"
+                f" go over {DEFAULTS.min_travel:g} {unit} or more, faster than {DEFAULTS.rest_speed:g} {unit}/s; the"
+                f" first is run {places[0]}. Give it more room (its limits in the recipe) or speed",
+                Where(joint=joint.number, field=f"runs[{places[0]}]"),
+            )
 
 
 def collision_notes(robot: Robot, given: Plan) -> Iterator[Note]:

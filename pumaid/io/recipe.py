@@ -4,7 +4,6 @@ import hashlib
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, cast
@@ -65,40 +64,34 @@ _DIMENSIONS = {
 }
 
 
-@dataclass(frozen=True)
 class ArmForm:
-    """What a value is checked against: the joints' names and types, the unit of angles and whether it is stated."""
+    """What a value is checked against, by a recipe's plain data, whatever it holds.
 
-    names: tuple[str, ...]
-    kinds: frozenset[str]
-    unit: str
-    is_stated: bool
+    These are the joints' `names` and types (`kinds`), the `unit` of angles and whether it is stated.
+    """
 
-    @classmethod
-    def of(cls, data: dict[str, Any]) -> Self:
-        """From a recipe's plain data, whatever it holds."""
+    def __init__(self, data: dict[str, Any]) -> None:
         entries, units = data.get("joints"), data.get("units")
         joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
         names = [joint.get("name") for joint in joints]
         angle = units.get("angle") if isinstance(units, dict) else None
-        return cls(
-            tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1)),
-            frozenset(str(joint.get("type")) for joint in joints),
-            "deg" if angle == "deg" else "rad",
-            angle is not None,
-        )
+        self.names = tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1))
+        self.kinds = {str(joint.get("type")) for joint in joints}
+        self.unit, self.is_stated = "deg" if angle == "deg" else "rad", angle is not None
 
 
 def _arm(info: ValidationInfo) -> ArmForm:
     return cast(ArmForm, info.context)
 
 
-def _check(is_good: Callable[[Any], bool], what: str, mend: str) -> AfterValidator:
-    """Refuses a value; ``{}`` in `what` stands for it."""
+def _check(is_good: Callable[[Any, ArmForm], bool], what: str, mend: str) -> AfterValidator:
+    """Refuses a value; ``{}`` in `what` stands for it, ``{n}`` in `mend` for the number of joints."""
 
-    def check(value: Any) -> Any:
-        if not is_good(value):
-            raise refusal(what.replace("{}", f"{value:g}" if isinstance(value, float) else str(value)[:60]), mend)
+    def check(value: Any, info: ValidationInfo) -> Any:
+        arm = _arm(info)
+        if not is_good(value, arm):
+            shown = f"{value:g}" if isinstance(value, float) else str(value)[:60]
+            raise refusal(what.replace("{}", shown), mend.replace("{n}", str(len(arm.names))))
         return value
 
     return AfterValidator(check)
@@ -163,13 +156,6 @@ def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     return number
 
 
-def _link(link: int, info: ValidationInfo) -> int:
-    n_joints = len(_arm(info).names)
-    if not 0 <= link <= n_joints:
-        raise refusal(f"there is no link {link}", f"links count from 0 (the base) to {n_joints}")
-    return link
-
-
 def coupled(key: str) -> tuple[int, int] | None:
     """Joints (driven, driving), from 1, that a key of `coupling` names: (5, 4) for r54, (12, 9) for r12_9."""
     match = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d)_([1-9]\d?)", key)
@@ -209,28 +195,39 @@ AS_LIST = Field(strict=False)
 Angle = Annotated[Finite, AfterValidator(_in_si)]
 Length = Annotated[Finite, Field(ge=-LONGEST_LINK, le=LONGEST_LINK)]
 GearRatio = Annotated[
-    Finite, _check(lambda ratio: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn")
+    Finite,
+    _check(lambda ratio, _: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn"),
 ]
 Words = Annotated[str, Field(strict=True, max_length=200, pattern=r"\S")]
 Template = Annotated[Words, AfterValidator(_template)]
 Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
 Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
-Link = Annotated[int, Field(strict=True), AfterValidator(_link)]
+Link = Annotated[
+    int,
+    Field(strict=True),
+    _check(
+        lambda link, arm: 0 <= link <= len(arm.names), "there is no link {}", "links count from 0 (the base) to {n}"
+    ),
+]
 Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
 Quantity = Literal["time", "position", "velocity", "prismatic_position", "prismatic_velocity", "current", "temperature"]
-JointName = Annotated[str, _check(is_joint_name, "'{}' cannot name a joint", "use a word, such as shoulder")]
-Direction = Annotated[Vector, _check(any, "the axis {} has no direction", "write it as [0, 0, 1]")]
+JointName = Annotated[
+    str, _check(lambda name, _: is_joint_name(name), "'{}' cannot name a joint", "use a word, such as shoulder")
+]
+Direction = Annotated[
+    Vector, _check(lambda axis, _: any(axis), "the axis {} has no direction", "write it as [0, 0, 1]")
+]
 Gravity = Annotated[
     Vector,
     _check(
-        lambda vector: LEAST_GRAVITY <= math.hypot(*vector) <= MOST_GRAVITY,
+        lambda vector, _: LEAST_GRAVITY <= math.hypot(*vector) <= MOST_GRAVITY,
         "{} is no planet's gravity in m/s2",
         "upright it is [0, 0, -9.80665]",
     ),
 ]
 Limits = Annotated[
     tuple[Angle, Angle],
-    _check(lambda pair: pair[0] < pair[1], "the limits are not [lowest, highest]", "write the lower one first"),
+    _check(lambda pair, _: pair[0] < pair[1], "the limits are not [lowest, highest]", "write the lower one first"),
 ]
 
 
@@ -300,7 +297,7 @@ class BoxForm(StrictForm):
 
 
 Inside = _check(
-    lambda box: all(low < high for low, high in zip(box.min, box.max, strict=True)),
+    lambda box, _: all(low < high for low, high in zip(box.min, box.max, strict=True)),
     "the box has no inside: {}",
     "write the lower corner as min and the upper as max",
 )
@@ -407,7 +404,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
             Where(file=name),
             "give the robot's recipe",
         )
-    arm = ArmForm.of(document.data)
+    arm = ArmForm(document.data)
     form = validated(
         RecipeForm,
         document,

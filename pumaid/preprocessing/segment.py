@@ -299,15 +299,12 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
     def seconds(chosen: Iterable[Piece]) -> float:
         return sum(float(time[piece.stop - 1] - time[piece.start]) for piece in chosen)
 
-    def parts_motion(piece: Piece) -> bool:
-        return piece.is_run or (not piece.joints and seconds([piece]) > PAUSE)
-
     moving = [piece for piece in pieces if piece.joints]
     has_runs = seconds(piece for piece in moving if piece.is_run) > TENTH * seconds(moving)
     least = LEAST_BESIDE if has_runs else LEAST_MOTION
 
     out: list[Piece] = []
-    for is_border, group in groupby(pieces, key=parts_motion):
+    for is_border, group in groupby(pieces, lambda p: p.is_run or (not p.joints and seconds([p]) > PAUSE)):
         part = list(group)
         active = [k for k, piece in enumerate(part) if piece.joints]
         if is_border or seconds(part[k] for k in active) < least:
