@@ -103,10 +103,16 @@ class Experiment:
         if dataset is None:
             from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
 
-            words: dict[str, Any] = {"extra": extra, "options": chosen, "trust": self.trust}
             with dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs) as executor:
-                words |= {"executor": executor, "progress": lambda done: self.progress(done, len(paths))}
-                dataset = ingest(paths, self.robot, **words)
+                dataset = ingest(
+                    paths,
+                    self.robot,
+                    options=chosen,
+                    extra=extra,
+                    trust=self.trust,
+                    executor=executor,
+                    progress=lambda done: self.progress(done, len(paths)),
+                )
             if plan is not None:
                 dataset = match_with_plan(dataset, read_plan(plan, self.robot))
             if self.is_kept and file:

@@ -49,16 +49,21 @@ class Structure:
     redundant: dict[tuple[int, int], str] = field(default_factory=dict)
 
 
+def gravity_links(robot: Robot) -> dict[str, int]:
+    """Name of each parameter of gravity -> number of its link."""
+    return {
+        f"gravity.l{joint.number}.{parameter.name}": joint.number
+        for joint in robot.joints
+        for parameter in catalogue()["gravity"].parameters(robot, joint.number)
+    }
+
+
 def in_motion(robot: Robot) -> Structure:
     """The parameters of gravity that no motion of all joints shows; ratios of gains are left to the data."""
-    shown, weightless, absent = {column.name for column in body_columns(robot)}, minimal(robot).absent, {}
-    for joint in robot.joints:
-        other = f"no motion shows the weight of link {joint.number} ({joint.name}) apart from that of other links"
-        for parameter in catalogue()["gravity"].parameters(robot, joint.number):
-            name = f"gravity.l{joint.number}.{parameter.name}"
-            if name not in shown:
-                absent[name] = weightless.get(name, other)
-    return Structure(absent)
+    shown, weightless = {column.name for column in body_columns(robot)}, minimal(robot).absent
+    other = "no motion shows the weight of link {} ({}) apart from that of other links"
+    named = {name: other.format(link, robot.joint(link).name) for name, link in gravity_links(robot).items()}
+    return Structure({name: weightless.get(name, why) for name, why in named.items() if name not in shown})
 
 
 @lru_cache(maxsize=16)  # one command makes many models of one arm
@@ -69,9 +74,9 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
     here by rank instead of by their case rules.
     """
     rng = np.random.default_rng(seed)
-    gravity, n = catalogue()["gravity"], robot.n_joints
-    widths = [len(gravity.parameters(robot, link)) for link in range(1, n + 1)]
-    owners = np.repeat(np.arange(n), widths)
+    gravity, n, names = catalogue()["gravity"], robot.n_joints, [*gravity_links(robot)]
+    owners = np.array([*gravity_links(robot).values()]) - 1
+    widths = np.bincount(owners, minlength=n).tolist()
     recursion = Recursion(owners, n)
     truth = rng.uniform(0.5, 2.0, len(owners)) * rng.choice([-1.0, 1.0], len(owners))
     absent: dict[str, str] = {}
@@ -91,17 +96,16 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
         if constant and not robot.joint(row + 1).is_revolute:
             embodied.append(row + 1)
         recursion.values[owned] = np.where(sure[: len(owned)], truth[owned], 0.0)
-        for parameter, is_sure in zip(gravity.parameters(robot, row + 1), sure[: len(owned)], strict=True):
-            if not is_sure:
-                absent[f"gravity.l{row + 1}.{parameter.name}"] = _why_absent(robot, row + 1, constant)
+        absent |= {names[k]: _why_absent(robot, row + 1, constant) for k in owned[~sure[: len(owned)]].tolist()}
         for root, is_sure in zip(roots, sure[len(owned) :], strict=True):
             if is_sure:
                 recursion.gains.parent[root], recursion.gains.edge[root] = row, float(rng.uniform(0.5, 2.0))
-    redundant = {}
-    for inner, outer in itertools.pairwise(robot.joints):
-        if not np.isfinite(recursion.gains.ratio(inner.number - 1, outer.number - 1)):
-            why = f"joint {inner.number} ({inner.name}) does not feel the weight that joint {outer.number}"
-            redundant[inner.number, outer.number] = f"{why} ({outer.name}) carries, in any posture"
+    redundant = {
+        (inner.number, outer.number): f"joint {inner.number} ({inner.name}) does not feel the weight that joint"
+        f" {outer.number} ({outer.name}) carries, in any posture"
+        for inner, outer in itertools.pairwise(robot.joints)
+        if not np.isfinite(recursion.gains.ratio(inner.number - 1, outer.number - 1))
+    }
     return Structure(absent, tuple(sorted(embodied)), redundant)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from scipy import sparse
 
 from pumaid.design.candidate_runs import Block
-from pumaid.effects import Samples, catalogue
+from pumaid.effects import Samples
 from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Bilinear, Counts, Flags, Floats, Gains
-from pumaid.model import Model, Structure
+from pumaid.model import Model, Structure, gravity_links
 from pumaid.robot import Payload, Robot
 from pumaid.simulation import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants, draw
 from pumaid.trajectory import Motion, Plan, cruise, duration
@@ -144,12 +144,7 @@ _BLIND, _RIDGE = 1e-11, 1e-9
 def gravity_names(robot: Robot, structure: Structure | None = None) -> tuple[str, ...]:
     """Names of all gravity parameters and gain ratios of neighbours; with a `structure`, of those that the arm has."""
     absent = absent_names(structure) if structure else {}
-    names = [
-        f"gravity.l{joint.number}.{part.name}"
-        for joint in robot.joints
-        for part in catalogue()["gravity"].parameters(robot, joint.number)
-    ]
-    names += [f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)]
+    names = (*gravity_links(robot), *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
     return tuple(name for name in names if name not in absent)
 
 
@@ -391,9 +386,7 @@ class ContinuousDesign:
     worth: Floats  # (L,) 0..1: what one second more of each candidate would bring, as a share of the best
 
 
-def continuous_design(
-    candidates: CandidateInformation, criterion: Criterion, total: float, *, steps: int = _STEPS
-) -> ContinuousDesign:
+def continuous_design(candidates: CandidateInformation, criterion: Criterion, total: float) -> ContinuousDesign:
     """Share out `total` s among candidates by the multiplicative algorithm.
 
     Source
@@ -403,7 +396,7 @@ def continuous_design(
     """
     active, part = np.arange(len(candidates)), candidates
     counts = np.full(len(candidates), total / float(np.sum(candidates.seconds)))
-    for step in range(steps):
+    for step in range(_STEPS):
         if step in _SORTED:
             spent = counts * part.seconds
             is_used = spent > _IDLE * spent.mean()

@@ -177,15 +177,14 @@ def validated(
         return out
     alike = [fault for fault in faults if fault[2] == once]
     slips = {(path[:-1], mend) for path, _, mend in faults}
-    errors = []
-    for path, what, mend in faults:
-        is_slip = what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips
-        if not is_slip and (path, what, mend) not in alike[1:]:
-            errors.append(
-                document.kind(
-                    slug, what, Where(file=document.file, line=document.line_of(path), field=dotted(path) or None), mend
-                )
-            )
+    errors = [
+        document.kind(
+            slug, what, Where(file=document.file, line=document.line_of(path), field=dotted(path) or None), mend
+        )
+        for path, what, mend in faults
+        if not (what.endswith("is missing") and (path[:-1], f"did you mean {path[-1]}?") in slips)
+        and (path, what, mend) not in alike[1:]
+    ]
     errors.sort(key=lambda error: error.where.line or 0)
     if len(errors) > MOST_FAULTS:
         last, more = errors[MOST_FAULTS - 1], len(errors) - MOST_FAULTS

@@ -5,7 +5,6 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,7 +14,7 @@ from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_text
 from pumaid.io.recipe import SIZES, is_joint_name, parsed_recipe, recipe_text
 from pumaid.maths import Floats
-from pumaid.robot import Robot, placement, roll_pitch_yaw
+from pumaid.robot import placement, roll_pitch_yaw
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 #: Most bytes of a URDF, and most joints of a recipe.
@@ -158,29 +157,15 @@ class UrdfFile:
         return RecipeError("urdf-which-chain", what, Where(file=self.file), mend)
 
 
-@dataclass(frozen=True, slots=True)
 class UrdfRecipe:
-    """A recipe made from the joints between two links of a URDF, as text and as the robot that is read back from it.
+    """A recipe made from the joints between two links of a URDF (``-`` is standard input).
 
-    Frame 0 is link `base`; `path` are the joints from there to link `tip`, fixed ones among them; `left_out` are the
-    other moving joints. `notes` tell what the URDF lacks, and what was left out.
-    """
+    `text` is the recipe, and `robot` what is read back from it. Frame 0 is link `base`; `path` are the joints from
+    there to link `tip`, fixed ones among them; `left_out` are the other moving joints. `notes` tell what the URDF
+    lacks, and what was left out.
 
-    text: str
-    robot: Robot
-    urdf: UrdfFile
-    base: str
-    tip: str
-    path: list[UrdfJoint]
-    left_out: list[UrdfJoint]
-    notes: list[Note]
-
-
-def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = None) -> UrdfRecipe:
-    """Make a recipe from a URDF (``-`` is standard input) of the arm between two links.
-
-    Without `base` the arm starts at the root. Without `tip` it ends where it splits into a gripper or hand, whose
-    branches are shorter than the line so far, and before joints that mimic others.
+    Where `base` is not given the arm starts at the root. Where `tip` is not, it ends where it splits into a gripper or
+    hand, whose branches are shorter than the line so far, and before joints that mimic others.
 
     Raises
     ------
@@ -189,31 +174,35 @@ def recipe_from_urdf(path: Path, *, base: str | None = None, tip: str | None = N
     RecipeError [urdf-which-chain]
         A link is not there, there are several chains, or none can be stated by a recipe.
     """
-    urdf = UrdfFile(path)
-    base, tip = _ends(urdf, base, tip)
-    before, arm = urdf.path(None, base), urdf.path(base, tip)
-    _refuse_unusable(urdf, base, arm)
-    gravity = np.array([0.0, 0.0, -FREE_FALL])
-    for joint in before:
-        gravity = gravity @ joint.frame()[:3, :3]
-    left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in (*before, *arm)]
-    lines, notes = _joint_lines(arm)
-    file, *ends = ["".join(c if c.isprintable() else "?" for c in text) for text in (path.name, base, tip)]
-    text = recipe_text(
-        shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1]]),
-        name=yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
-        base=ends[0],
-        source=yaml_text(f"URDF {file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
-        gravity=_vector(gravity),
-        joints=lines,
-    )
-    for joints, about in (
-        (left_out, "left out: {}; hold still those that the arm carries, they weigh on it"),
-        ([joint for joint in before if joint.moves], "gravity is given for {} before the base at 0"),
-    ):
-        names = f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({listed([joint.name for joint in joints])})"
-        notes += [Note("urdf-left-out", about.format(names))] if joints else []
-    return UrdfRecipe(text, parsed_recipe(text.encode(), file_name(path)), urdf, base, tip, arm, left_out, notes)
+
+    def __init__(self, path: Path, *, base: str | None = None, tip: str | None = None) -> None:
+        self.urdf = urdf = UrdfFile(path)
+        self.base, self.tip = _ends(urdf, base, tip)
+        before, self.path = urdf.path(None, self.base), urdf.path(self.base, self.tip)
+        _refuse_unusable(urdf, self.base, self.path)
+        gravity = np.array([0.0, 0.0, -FREE_FALL])
+        for joint in before:
+            gravity = gravity @ joint.frame()[:3, :3]
+        inside = (*before, *self.path)
+        self.left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in inside]
+        lines, self.notes = _joint_lines(self.path)
+        texts = (path.name, self.base, self.tip)
+        file, *ends = ["".join(c if c.isprintable() else "?" for c in text) for text in texts]
+        self.text = recipe_text(
+            shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1]]),
+            name=yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
+            base=ends[0],
+            source=yaml_text(f"URDF {file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
+            gravity=_vector(gravity),
+            joints=lines,
+        )
+        for joints, about in (
+            (self.left_out, "left out: {}; hold still those that the arm carries, they weigh on it"),
+            ([joint for joint in before if joint.moves], "gravity is given for {} before the base at 0"),
+        ):
+            names = f"{len(joints)} moving joint{'s' * (len(joints) > 1)} ({listed([joint.name for joint in joints])})"
+            self.notes += [Note("urdf-left-out", about.format(names))] if joints else []
+        self.robot = parsed_recipe(self.text.encode(), file_name(path))
 
 
 def _parsed(content: bytes, file: str) -> ElementTree.Element:

@@ -9,8 +9,16 @@ import numpy as np
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, spans
 from pumaid.errors import PumaidError, Where, listed
 from pumaid.maths import Counts, Floats
-from pumaid.preprocessing.differentiate import Ticks, slopes, velocity
-from pumaid.preprocessing.parallel_filter import Cells, cell_length, cells, position_noise, stroke_bins
+from pumaid.preprocessing.differentiate import (
+    Cells,
+    Ticks,
+    cell_length,
+    cells,
+    position_noise,
+    slopes,
+    stroke_bins,
+    velocity,
+)
 from pumaid.rigid_body import RigidBody
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -296,9 +304,11 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
             if len(chosen) >= FEWEST_CELLS:
                 bins = _block_bins(log, time, table, joint=joint, rows=chosen)
                 moving, speed = bins.position[:, joint - 1], float(np.sqrt(np.mean(bins.velocity**2)))
-                span, size = (float(moving.min()), float(moving.max())), int(bins.count.sum())
-                words: dict[str, Any] = {"kind": BLOCK, "span": span, "speed": speed, "samples": size}
-                runs.append(_run(part, bins, joint, position=bins.position, **words))
+                span = (float(moving.min()), float(moving.max()))
+                size = int(bins.count.sum())
+                runs.append(
+                    _run(part, bins, joint, position=bins.position, kind=BLOCK, span=span, speed=speed, samples=size)
+                )
     return runs
 
 

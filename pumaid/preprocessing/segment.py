@@ -181,7 +181,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
         samples = log.part(part)
         if len(part) >= FEWEST and good[part[0]]:
             sampled, error = sampling_times(samples.time, samples.position)
-            ticks = Ticks.of(sampled, samples.position)
+            ticks = Ticks(sampled, samples.position)
             velocity, moving = _moving(ticks, options)
             fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)
             signed = np.where(velocity[np.arange(len(velocity)), fastest] > 0, 1, -1) * (fastest + 1)

@@ -8,7 +8,7 @@ import pytest
 from urdfs import Engine, gravity_columns
 
 from pumaid.errors import PumaidError
-from pumaid.io.urdf import UrdfRecipe, recipe_from_urdf
+from pumaid.io.urdf import UrdfRecipe
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 pytest.importorskip("example_robot_data", reason="example-robot-data brings the URDFs (pip install pumaid[test])")
@@ -77,7 +77,7 @@ def worst(name: str, made: UrdfRecipe) -> float:
 @pytest.mark.parametrize("name", ARMS)
 def test_axes_are_those_of_the_urdf(name: str) -> None:
     """The arm is found, and each axis lies where pinocchio has it: direction, place, zero and sense."""
-    made = recipe_from_urdf(folder() / name)
+    made = UrdfRecipe(folder() / name)
     assert made.robot.n_joints == ARMS[name]
     assert worst(name, made) < TOLERANCE
 
@@ -88,13 +88,13 @@ def test_axes_are_those_of_the_urdf(name: str) -> None:
 def test_what_is_no_arm_is_refused_with_its_chains(name: str) -> None:
     """One message; where it names ends (legs, arms, fingers), each of them makes a recipe that pinocchio confirms."""
     with pytest.raises(PumaidError) as refused:
-        recipe_from_urdf(folder() / name)
+        UrdfRecipe(folder() / name)
     assert refused.value.slug == NO_ARM.get(name, "urdf-which-chain")
     tips = TIPS.search(refused.value.mend)
     assert (tips is not None) == (name not in NO_ARM)
     for tip in tips[1].split(", ") if tips else ():
         try:
-            made = recipe_from_urdf(folder() / name, tip=tip)
+            made = UrdfRecipe(folder() / name, tip=tip)
         except PumaidError as error:  # a joint that no recipe can state, and where to start or end instead
             assert error.slug == "urdf-which-chain" and re.search("--(base|tip) ", error.mend)
         else:
@@ -118,7 +118,7 @@ WEIGHED = [
 @pytest.mark.parametrize(("name", "base", "tip"), WEIGHED)
 def test_gravity_of_the_urdf_is_spanned(name: str, base: str | None, tip: str | None) -> None:
     """The recipe's gravity columns give the torques of the URDF's own masses, in postures that were not fitted."""
-    made = recipe_from_urdf(folder() / name, base=base, tip=tip)
+    made = UrdfRecipe(folder() / name, base=base, tip=tip)
     position = np.random.default_rng(5).uniform(-1.5, 1.5, (120, made.robot.n_joints))
     torque = Engine(folder() / name, made).holding(position).T
     regressor = gravity_columns(made.robot, position)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from urdfs import Engine, Stated, serial_text
 
 from pumaid.cli import group
-from pumaid.io.urdf import recipe_from_urdf
+from pumaid.io.urdf import UrdfRecipe
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
 
@@ -49,7 +49,7 @@ def test_any_serial_chain_gives_its_own_axes(tmp_path: Path, joints: list[Stated
     """Every axis lies where pinocchio has it, and gravity, turned back into the root link, is along its -z."""
     path = tmp_path / "arm.urdf"
     path.write_text(serial_text([Stated("fixed", rpy=(0.4, -0.9, 2.0)), *joints]))
-    made = recipe_from_urdf(path, base="l1")
+    made = UrdfRecipe(path, base="l1")
     engine = Engine(path, made)
     rng = np.random.default_rng(seed)
     assert np.max([engine.off(rng.uniform(-3, 3, made.robot.n_joints)) for _ in range(5)]) < TOLERANCE

@@ -7,7 +7,7 @@ import pytest
 from urdfs import Stated, serial_text, tree_text
 
 from pumaid.errors import PumaidError
-from pumaid.io.urdf import UrdfRecipe, recipe_from_urdf
+from pumaid.io.urdf import UrdfRecipe
 
 PLAIN = [Stated(xyz=(0, 0, 0.3)), Stated(rpy=(-np.pi / 2, 0, 0)), Stated(xyz=(0.4, 0, 0))]
 
@@ -19,7 +19,7 @@ def made(tmp_path: Path):
     def make(text: str | bytes, **ends: str) -> UrdfRecipe:
         path = tmp_path / "arm.urdf"
         path.write_bytes(text.encode() if isinstance(text, str) else text)
-        return recipe_from_urdf(path, **ends)
+        return UrdfRecipe(path, **ends)
 
     return make
 

@@ -75,7 +75,7 @@ def init(
       pumaid init blank --joints 4
     """
     from pumaid.io.recipe import read_recipe
-    from pumaid.io.urdf import recipe_from_urdf
+    from pumaid.io.urdf import UrdfRecipe
     from pumaid.reporting.run_tables import axes_table
 
     if is_list:
@@ -91,7 +91,7 @@ def init(
     spare_inputs([path], [urdf], new=() if force else (path,))
     facts: dict[str, Any] = {}
     if urdf is not None:
-        made = recipe_from_urdf(urdf, base=base, tip=tip)
+        made = UrdfRecipe(urdf, base=base, tip=tip)
         text = made.text
         facts["urdf"] = {"file": made.urdf.file, "base": made.base, "tip": made.tip}
         notes(made.notes)

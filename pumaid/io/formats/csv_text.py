@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +27,8 @@ _MOST_HEAD, _PROBE_ROWS = 4 << 20, 50
 #: Stands for runs of spaces and tabs between cells.
 _SPACES = " "
 _COMMENT = ("#", "%")
-#: Begins the line in which Excel keeps the delimiter.
-_SEPARATOR = ("sep=", '"sep=')
+#: What begins lines that are no header; Excel keeps the delimiter in one.
+_PREAMBLE = (*_COMMENT, "sep=", '"sep=')
 _GZIP = b"\x1f\x8b"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -43,18 +43,52 @@ _NUMBERS = (
 _BAD_CELL = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: invalid value '(.*)", re.S)
 
 
-class Dialect(NamedTuple):
-    """How a text log is written: delimiter, decimal mark, column names, line of these (from 1), the first rows.
+class Dialect:
+    """How a text log that begins with `text` is written: delimiter, decimal mark, column names, the first rows.
 
-    `has_quotes` tells whether these rows have quoted cells, each within one line.
+    The `header`, in line `header_line` (from 1), is the line above the first row of numbers that has as many cells;
+    comments and other text may stand above it. `has_quotes` tells whether the first rows have quoted cells, each within
+    a line of its own.
+
+    Raises
+    ------
+    LogError [not-a-log]
+        There is no line of names above the numbers.
     """
 
-    delimiter: str
-    decimal: str
-    header: tuple[str, ...]
-    header_line: int
-    rows: tuple[tuple[str, ...], ...]
-    has_quotes: bool
+    def __init__(self, text: str, name: str) -> None:
+        lines: list[str] = []
+        numbers: list[int] = []
+        for number, line in enumerate(io.StringIO(text, newline=None)):
+            lines.append(line)
+            if not line.startswith(_COMMENT) and _is_numeric(line):
+                numbers.append(number)
+            if len(numbers) == _PROBE_ROWS:
+                break
+        first = numbers[0] if numbers else len(lines)
+        above = [number for number in range(first) if lines[number].strip()]
+        above = [number for number in above if not lines[number].lower().startswith(_PREAMBLE)] or above[-1:]
+        body = [lines[number] for number in numbers]
+        if not above:
+            what = f"{name} has no line of names above its numbers ({body[0].strip()[:40] if body else 'it is empty'})"
+            raise LogError(
+                "not-a-log", what, Where(file=name, line=first + 1), "put a header line on top: t,q1,...,i1,..."
+            )
+        place = above[-1] if body else above[0]
+        delimiter = _delimiter([lines[place].lstrip("\ufeff#% "), *body])
+        if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
+            sizes = [len(cells(lines[number].lstrip("\ufeff#% "), delimiter)) for number in above[-2:]]
+            place = above[-2] if sizes[0] == sizes[1] > 1 else place
+        header = cells(lines[place].lstrip("\ufeff#% "), delimiter)
+        self.rows = [cells(line, delimiter) for line in body]
+        if body and all(len(row) == len(header) + 1 for row in self.rows):
+            header = (*header, "")  # a delimiter at the end of each row, but not of the header
+        self.delimiter, self.header, self.header_line = delimiter, header, place + 1
+        n_quotes = [line.count('"') for line in body]
+        self.has_quotes = any(n_quotes) and all(count % 2 == 0 for count in n_quotes)
+        is_comma = delimiter != "," or self.has_quotes  # a cell with a comma in it may be a number
+        is_comma = is_comma and any(_COMMA_NUMBER.fullmatch(cell) for row in self.rows for cell in row)
+        self.decimal = "," if is_comma else "."
 
 
 class CsvLog(LogSource):
@@ -85,7 +119,7 @@ class CsvLog(LogSource):
             text = codecs.getincrementaldecoder(self._encoding)().decode(head)
         except UnicodeDecodeError:
             text = head.decode("latin-1")  # in which every byte is a letter
-        self._dialect = _dialect(text, self.name)
+        self._dialect = Dialect(text, self.name)
         return [LogColumn(name) for name in self._dialect.header]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
@@ -215,48 +249,6 @@ def _single_spaced(stream: Any) -> Any:
         return b"\n".join(b" ".join(line.split()) for line in text.split(b"\n")) + end
 
     return pa.TransformInputStream(stream, shorten)
-
-
-def _dialect(text: str, name: str) -> Dialect:
-    """How a file that begins with this text is written.
-
-    The header is the line above the first row of numbers that has as many cells; comments and other text may stand
-    above it.
-
-    Raises
-    ------
-    LogError [not-a-log]
-        There is no line of names above the numbers.
-    """
-    lines: list[str] = []
-    numbers: list[int] = []
-    for number, line in enumerate(io.StringIO(text, newline=None)):
-        lines.append(line)
-        if not line.startswith(_COMMENT) and _is_numeric(line):
-            numbers.append(number)
-        if len(numbers) == _PROBE_ROWS:
-            break
-    first = numbers[0] if numbers else len(lines)
-    above = [number for number in range(first) if lines[number].strip()]
-    above = [number for number in above if not lines[number].lower().startswith((*_COMMENT, *_SEPARATOR))] or above[-1:]
-    body = [lines[number] for number in numbers]
-    if not above:
-        what = f"{name} has no line of names above its numbers ({body[0].strip()[:40] if body else 'it is empty'})"
-        raise LogError("not-a-log", what, Where(file=name, line=first + 1), "put a header line on top: t,q1,...,i1,...")
-    place = above[-1] if body else above[0]
-    delimiter = _delimiter([lines[place].lstrip("\ufeff#% "), *body])
-    if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
-        sizes = [len(cells(lines[number].lstrip("\ufeff#% "), delimiter)) for number in above[-2:]]
-        place = above[-2] if sizes[0] == sizes[1] > 1 else place
-    header = cells(lines[place].lstrip("\ufeff#% "), delimiter)
-    rows = tuple(cells(line, delimiter) for line in body)
-    if rows and all(len(row) == len(header) + 1 for row in rows):
-        header = (*header, "")  # a delimiter at the end of each row, but not of the header
-    n_quotes = [line.count('"') for line in body]
-    has_quotes = any(n_quotes) and all(count % 2 == 0 for count in n_quotes)
-    is_comma = delimiter != "," or has_quotes  # a cell with a comma in it may be a number
-    is_comma = is_comma and any(_COMMA_NUMBER.fullmatch(cell) for row in rows for cell in row)
-    return Dialect(delimiter, "," if is_comma else ".", header, place + 1, rows, has_quotes)
 
 
 def _is_numeric(line: str) -> bool:
