@@ -1,7 +1,5 @@
 """What one pass over the logs leaves of them: runs with their bins, what was left out, and the files' facts."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 import zlib
@@ -10,7 +8,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from fnmatch import fnmatch
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
@@ -51,12 +49,12 @@ class Log:
     def __len__(self) -> int:
         return len(self.time)
 
-    def part(self, index: slice | Counts) -> Log:
+    def part(self, index: slice | Counts) -> Self:
         """Some of the samples, by their numbers."""
         return replace(self, starts_clock=False, **{name: values[index] for name, values in arrays_of(self).items()})
 
     @classmethod
-    def joined(cls, logs: Sequence[Log]) -> Log:
+    def joined(cls, logs: Sequence[Self]) -> Self:
         """Consecutive batches of one file, of the same quantities, as one."""
         if len(logs) == 1:
             return logs[0]

@@ -377,42 +377,39 @@ def _inverse(information: Floats) -> Floats:
     return np.asarray(np.linalg.inv(information / both + _RIDGE * np.eye(information.shape[-1])) / both)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
 class ContinuousDesign:
-    """The optimum if candidates could be made in fractions."""
+    """The optimum if candidates could be made in fractions: `total` s shared out by the multiplicative algorithm.
 
-    counts: Floats  # (L,) how often each candidate is made
-    bound: float  # value of the criterion below which no plan of these candidates gets in this time
-    worth: Floats  # (L,) 0..1: what one second more of each candidate would bring, as a share of the best
-
-
-def continuous_design(candidates: CandidateInformation, criterion: Criterion, total: float) -> ContinuousDesign:
-    """Share out `total` s among candidates by the multiplicative algorithm.
+    `counts` (L,) are how often each candidate is made, `bound` is the value of the criterion below which no plan of
+    these candidates gets in this time, and `worth` (L,), 0 to 1, what one second more of each candidate would bring, as
+    a share of the best.
 
     Source
     ------
     S. D. Silvey, D. M. Titterington and B. Torsney, Communications in Statistics A 7 (1978) 1379-1389; the bound is
     that of a convex function by its slopes.
     """
-    active, part = np.arange(len(candidates)), candidates
-    counts = np.full(len(candidates), total / float(np.sum(candidates.seconds)))
-    for step in range(_STEPS):
-        if step in _SORTED:
-            spent = counts * part.seconds
-            is_used = spent > _IDLE * spent.mean()
-            active, counts = active[is_used], counts[is_used]
-            part = candidates.only(active)
-        rate = np.maximum(part.products(criterion.slope(part.information(counts))), 0.0) / part.seconds * total
-        if rate.max() < 1.0 + 2.0 * _NEAR and step > _SORTED[-1]:
-            break
-        counts = counts * rate**_STRIDE
-        counts *= total / np.sum(counts * part.seconds)
-    whole = np.zeros(len(candidates))
-    whole[active] = counts
-    information = candidates.information(whole)
-    rate = candidates.products(criterion.slope(information)) / candidates.seconds
-    bound = float(criterion.value(information)) - 0.5 * (float(rate.max()) * total - 1.0)
-    return ContinuousDesign(whole, bound, rate / float(rate.max()))
+
+    def __init__(self, candidates: CandidateInformation, criterion: Criterion, total: float) -> None:
+        active, part = np.arange(len(candidates)), candidates
+        counts = np.full(len(candidates), total / float(np.sum(candidates.seconds)))
+        for step in range(_STEPS):
+            if step in _SORTED:
+                spent = counts * part.seconds
+                is_used = spent > _IDLE * spent.mean()
+                active, counts = active[is_used], counts[is_used]
+                part = candidates.only(active)
+            rate = np.maximum(part.products(criterion.slope(part.information(counts))), 0.0) / part.seconds * total
+            if rate.max() < 1.0 + 2.0 * _NEAR and step > _SORTED[-1]:
+                break
+            counts = counts * rate**_STRIDE
+            counts *= total / np.sum(counts * part.seconds)
+        self.counts = np.zeros(len(candidates))
+        self.counts[active] = counts
+        information = candidates.information(self.counts)
+        rate = candidates.products(criterion.slope(information)) / candidates.seconds
+        self.bound = float(criterion.value(information)) - 0.5 * (float(rate.max()) * total - 1.0)
+        self.worth = rate / float(rate.max())
 
 
 @dataclass(frozen=True, eq=False, slots=True)

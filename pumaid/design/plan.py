@@ -21,7 +21,6 @@ from pumaid.design.information import (
     Prior,
     absent_names,
     candidate_information,
-    continuous_design,
     gravity_names,
     parameter_names,
     predicted_errors,
@@ -103,8 +102,8 @@ class Planner:
     ) -> None:
         self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
         self.seconds, self.shares, self.postures, self.passes = seconds, shares, postures, passes
-        self.structure, self.collision = minimal(robot), Collision(robot)
-        self.names = gravity_names(robot, self.structure)
+        self.absent, self.collision = absent_names(minimal(robot)), Collision(robot)
+        self.names = gravity_names(robot, minimal(robot))
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
         shares = sorted(shares or SHARES)
@@ -202,10 +201,10 @@ class Planner:
     def _optimum(self, budget: float) -> ContinuousDesign:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
         whole = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
-        optimum = continuous_design(self.candidates, whole, budget)
+        optimum = ContinuousDesign(self.candidates, whole, budget)
         counted = np.median(whole.errors(self.candidates.information(optimum.counts)), axis=0) <= self.sizes
         self.criterion = replace(whole, counted=counted | (not counted.any()))
-        return optimum if counted.all() else continuous_design(self.candidates, self.criterion, budget)
+        return optimum if counted.all() else ContinuousDesign(self.candidates, self.criterion, budget)
 
     def _seconds(self, counts: Counts) -> float:
         """s of a round in which each candidate is made `counts` (L,) times, about, with the runs for judging."""
@@ -404,8 +403,8 @@ def check_plan(
         tell=tell,
     )
     checked = _with_forecast(given, planner, [*collision_notes(robot, given), *lack_notes(robot, given)])
-    notes, absent = checked.notes, absent_names(planner.structure)
-    if dark := [name for name in checked.unseen if name not in absent]:
+    notes = checked.notes
+    if dark := [name for name in checked.unseen if name not in planner.absent]:
         text = (
             f"no run of this plan shows {', '.join(dark)}; add postures in which the outer links' load differs, or"
             " other speeds; compare with: pumaid plan"
@@ -421,10 +420,10 @@ def _with_forecast(bare: Plan, planner: Planner, notes: Iterable[Note]) -> Plan:
     return replace(
         bare,
         expected=promised,
-        unseen={**absent_names(planner.structure), **dict.fromkeys(dark, "no run of this plan shows it")},
+        unseen={**planner.absent, **dict.fromkeys(dark, "no run of this plan shows it")},
         duration=duration(arm, bare),
         assumptions=(*planner.prior.sentences, *conditions(arm)),
-        notes=(*notes, *unusable_notes(arm, bare), *weight_notes(planner.prior, promised), *tilt_notes(planner)),
+        notes=(*notes, *unusable_notes(arm, bare), *weight_notes(planner, promised), *tilt_notes(planner)),
     )
 
 
@@ -453,27 +452,26 @@ def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[s
     refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 
-def weight_notes(prior: Prior, promised: dict[str, float]) -> Iterator[Note]:
+def weight_notes(planner: Planner, promised: dict[str, float]) -> Iterator[Note]:
     """How much weight the last link needs off its axis for the last gain ratio to be seen."""
-    truth = prior.robots[0]
-    n = truth.robot.n_joints
+    n = planner.robot.n_joints
     name = f"gain_ratio.{n - 1}.{n}"
-    if name not in promised or not truth.robot.joint(n).is_revolute:
-        return
-    share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
-    if share >= _WEAK:
-        yield Note(
-            "plan-needs-weight",
-            f"{name} cannot be identified with the weight that this arm has: its predicted error is {number(share, 2)}"
-            f" times its value. A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload 0.5,{_LEVER:g},0,0",
-            Where(joint=n),
-        )
+    if name in promised and planner.robot.joint(n).is_revolute:
+        share = promised[name] / abs(float(np.median([t.parameters()[name] for t in planner.prior.robots])))
+        if share >= _WEAK:
+            yield Note(
+                "plan-needs-weight",
+                f"{name} cannot be identified with the weight that this arm has: its predicted error is"
+                f" {number(share, 2)} times its value. A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload"
+                f" 0.5,{_LEVER:g},0,0",
+                Where(joint=n),
+            )
 
 
 def tilt_notes(planner: Planner) -> Iterator[Note]:
     """That a tilted base would show what an upright one hides, where it would."""
     first = next((joint for joint in planner.robot.joints if joint.is_revolute), None)
-    hidden = absent_names(planner.structure)
+    hidden = planner.absent
     if first is not None and np.any(planner.robot.gravity) and any(f".l{first.number}." in name for name in hidden):
         yield Note(
             "plan-needs-tilt",

@@ -444,9 +444,8 @@ def paste_block(header: Sequence[str], robot: Robot) -> str | None:
     chosen = {}
     for quantity in QUANTITIES:
         scores = {template: _score(template, quantity) - beyond for template, beyond in templates.items()}
-        best = max(scores, key=lambda template: scores[template], default="")
-        if scores.get(best, -math.inf) > -math.inf:
-            chosen[quantity] = best
+        if max(scores.values(), default=-math.inf) > -math.inf:
+            chosen[quantity] = max(scores, key=lambda template: scores[template])
     if not times or "position" not in chosen or "current" not in chosen:
         return None
     lines = [f"  {key}: {json.dumps(name, ensure_ascii=False)}" for key, name in {"time": times[0], **chosen}.items()]

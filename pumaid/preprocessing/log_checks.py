@@ -3,14 +3,12 @@
 Each test looks at the statistics of one file, or of all, and yields the figures of each finding.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -130,7 +128,7 @@ class LogStatistics:
         if len(edges) > 1:
             self._add_windows(log, edges)
 
-    def absorb(self, other: LogStatistics) -> None:
+    def absorb(self, other: Self) -> None:
         """Add the statistics of another file of the same robot, which must not be fed any more."""
         self.origin = self.origin or other.origin
         self._add(**other.totals)

@@ -11,8 +11,8 @@ from paper_recursion import gravity_current
 
 from pumaid.dataset import Dataset
 from pumaid.design.information import (
+    ContinuousDesign,
     Criterion,
-    continuous_design,
     gravity_names,
     gravity_slopes,
     loaded,
@@ -140,7 +140,7 @@ def test_no_enumerated_design_beats_the_bound():
     counts = counts[(counts @ tiny.seconds <= total) & (counts @ tiny.seconds > 0)]
     parts = [np.einsum("nl,lgpq->ngpq", part, tiny.each(np.arange(7))) for part in np.array_split(counts, 40)]
     values = np.concatenate([criterion.value(part) for part in parts])
-    bound = continuous_design(tiny, criterion, total).bound
+    bound = ContinuousDesign(tiny, criterion, total).bound
     assert bound <= np.min(values) < bound + 0.3  # whole candidates only
 
 
