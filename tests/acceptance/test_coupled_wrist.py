@@ -14,7 +14,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import minimal
-from pumaid.preprocessing.hold_out import match_with_plan
+from pumaid.preprocessing.replicates import match_with_plan
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw, simulate, table1
