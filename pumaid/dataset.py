@@ -196,12 +196,15 @@ def save_dataset(sink: BinaryIO, dataset: Dataset, made_from: Mapping[str, Any])
     Each field of the bins is one array over all bins; everything else is JSON, in the array `about`. `made_from` says
     what the dataset depends on, as JSON can hold it; `load_dataset` returns it.
     """
-    about: dict[str, Any] = {"made_from": made_from, "extra": dataset.extra}
-    about |= {name: [asdict(item) for item in getattr(dataset, name)] for name in ("rejects", "files", "notes")}
     binned = [arrays_of(run.bins) for run in dataset.runs]
     facts = [{item.name: getattr(run, item.name) for item in fields(run)} for run in dataset.runs]
     lengths = [{name: len(values) for name, values in arrays.items()} for arrays in binned]
-    about["runs"] = [values | {"bins": bins} for values, bins in zip(facts, lengths, strict=True)]
+    about = {
+        "made_from": made_from,
+        "extra": dataset.extra,
+        **{name: [asdict(item) for item in getattr(dataset, name)] for name in ("rejects", "files", "notes")},
+        "runs": [values | {"bins": bins} for values, bins in zip(facts, lengths, strict=True)],
+    }
     names = dict.fromkeys(name for arrays in binned for name in arrays)
     arrays = {name: np.concatenate([arrays[name] for arrays in binned if name in arrays]) for name in names}
     text = json.dumps(about, default=np.ndarray.tolist).encode()
@@ -225,9 +228,9 @@ def load_dataset(path: Path) -> tuple[Dataset, dict[str, Any]]:
             bins = {}
             for name, length in values["bins"].items():
                 bins[name], arrays[name] = np.split(arrays[name], [length])
-            more = {"posture": np.array(values["posture"]), "span": tuple(values["span"]), "bins": Bins(**bins)}
-            more["payload"] = values["payload"] and tuple(values["payload"])
-            runs.append(Run(**values | more))
+            payload = values["payload"] and tuple(values["payload"])
+            more = {"posture": np.array(values["posture"]), "span": tuple(values["span"]), "payload": payload}
+            runs.append(Run(**values | more | {"bins": Bins(**bins)}))
         rejects = [Reject(**values | {"joints": tuple(values["joints"])}) for values in about["rejects"]]
         files = tuple(FileFacts(**facts) for facts in about["files"])
         notes = tuple(Note(note["slug"], note["text"], Where(**note["where"])) for note in about["notes"])

@@ -173,8 +173,8 @@ class Model:
     def of_runs(cls, robot: Robot, runs: Iterable[Run], effects: Sequence[EffectTerm] = ()) -> "Model":
         """The model that `runs` ask for: with inertia where a run accelerates."""
         chosen = list(runs)
-        is_dynamic = any(run.accelerates for run in chosen)
-        return cls(robot, effects, is_dynamic=is_dynamic, scaled=outermost_loaded(robot, chosen))
+        scaled = outermost_loaded(robot, chosen)
+        return cls(robot, effects, is_dynamic=any(run.accelerates for run in chosen), scaled=scaled)
 
     @classmethod
     def of_estimate(cls, robot: Robot, estimate: Estimate) -> "Model":

@@ -201,11 +201,8 @@ def schedule(
     """
     parts = list(passes)
     if 0 < len(passes) <= _FEW and collision.is_free:  # with obstacles, fewer blocks at a time leave fewer free ways
-        fits = sorted(
-            (block for block in passes[0] if block.purpose == "fit"),
-            key=lambda block: max(sweep.speed for sweep in block.sweeps),
-        )
-        fastest = {block.joint: block for block in fits}
+        rising = sorted(passes[0], key=lambda block: max(sweep.speed for sweep in block.sweeps))
+        fastest = {block.joint: block for block in rising if block.purpose == "fit"}
         parts = [[b for b in passes[0] if (b is fastest.get(b.joint)) is first] for first in (True, False)]
         parts += passes[1:]
     parts = [part for part in parts if part]
@@ -253,7 +250,7 @@ def _shortest(
         for path in sorted(paths, key=length):
             if length(path) >= _STRUCK:
                 continue
-            moves = list(itertools.pairwise(path if now is not None else path[1:]))
+            moves = itertools.pairwise(path if now is not None else path[1:])
             for move, where in {move: where for move in moves if (where := first_hit(*move))}.items():
                 cost[move], hit = _STRUCK, where
                 before, after = move

@@ -86,8 +86,9 @@ class Collision:
 
         self._data.qpos[:] = position
         mujoco.mj_kinematics(self._model, self._data)
-        measure, model, data = mujoco.mj_geomDistance, self._model, self._data
-        return np.array([measure(model, data, outer, inner, _FAR, None) for outer, inner in self._geometries])
+        return np.array(
+            [mujoco.mj_geomDistance(self._model, self._data, *pair, _FAR, None) for pair in self._geometries]
+        )
 
     def _build(self) -> None:
         """The MuJoCo model: a chain of bodies with the recipe's shapes on them, and the pairs that are checked."""

@@ -304,10 +304,17 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
             if len(chosen) >= FEWEST_CELLS:
                 bins = _block_bins(log, time, table, joint=joint, rows=chosen)
                 moving, speed = bins.position[:, joint - 1], float(np.sqrt(np.mean(bins.velocity**2)))
-                span = (float(moving.min()), float(moving.max()))
-                size = int(bins.count.sum())
                 runs.append(
-                    _run(part, bins, joint, position=bins.position, kind=BLOCK, span=span, speed=speed, samples=size)
+                    _run(
+                        part,
+                        bins,
+                        joint,
+                        position=bins.position,
+                        kind=BLOCK,
+                        span=(float(moving.min()), float(moving.max())),
+                        speed=speed,
+                        samples=int(bins.count.sum()),
+                    )
                 )
     return runs
 

@@ -151,9 +151,9 @@ class LogStatistics:
         speed = np.where(usable, change / seconds, 0.0)
         size = np.abs(speed)
         moves = size > np.array([SLOW[joint.kind] for joint in self.robot.joints])
-        way, lasting = moves * size * seconds, moves * seconds
-        sums = {"windows": moves, "path": way, "seconds": lasting, "speed_squares": way * size}
-        self._add(**{name: values.sum(axis=0) for name, values in sums.items()})
+        way = moves * size * seconds
+        self._add(windows=moves.sum(axis=0), seconds=(moves * seconds).sum(axis=0))
+        self._add(path=way.sum(axis=0), speed_squares=(way * size).sum(axis=0))
         middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
         log = log.part(slice(0, int(edges[-1])))
         if log.velocity is not None:
@@ -203,8 +203,8 @@ class LogStatistics:
             held = np.round(np.delete(middle[alone], j, axis=1) / SAME_POSTURE).astype(np.int64)
             postures, which = np.unique(held, axis=0, return_inverse=True)
             parts = [rows[which.reshape(-1) == k] for k in range(len(postures))]
-            names = map(tuple, postures.tolist())
-            self._add_groups(j, {name: part.T @ part for name, part in zip(names, parts, strict=True)})
+            sums = [part.T @ part for part in parts]
+            self._add_groups(j, dict(zip(map(tuple, postures.tolist()), sums, strict=True)))
 
     def _add_groups(self, j: int, more: Mapping[tuple[int, ...], Floats]) -> None:
         groups = self.groups[j]
