@@ -138,8 +138,7 @@ class Experiment:
         with suppress(PumaidError):
             paths += [self.recipe_path, find_plan([self.folder])]
         with suppress(PumaidError):
-            local = [log for log in self.logs if not is_remote(log)]
-            paths += [path for path in expand(local) if isinstance(path, Path)]
+            paths += [Path(path) for path in expand(log for log in self.logs if not is_remote(log))]
         return [path for path in paths if path is not None]
 
 

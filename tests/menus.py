@@ -7,7 +7,14 @@ import numpy as np
 
 from pumaid.design.candidate_runs import free_blocks, postures, speeds, sweeps
 from pumaid.design.collision import Collision
-from pumaid.design.information import CandidateInformation, Prior, candidate_information, gravity_names, prior_robots
+from pumaid.design.information import (
+    CandidateInformation,
+    Prior,
+    absent_names,
+    candidate_information,
+    gravity_names,
+    prior_robots,
+)
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import minimal
@@ -29,7 +36,8 @@ def prior(name: str, seed: int = 1) -> Prior:
 
 def names(robot: Robot) -> tuple[str, ...]:
     """Gravity parameters and ratios that an arm has."""
-    return gravity_names(robot, minimal(robot))
+    absent = absent_names(minimal(robot))
+    return tuple(name for name in gravity_names(robot) if name not in absent)
 
 
 @cache

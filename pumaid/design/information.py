@@ -141,11 +141,9 @@ RATE, _POINTS = 100.0, 48
 _BLIND, _RIDGE = 1e-11, 1e-9
 
 
-def gravity_names(robot: Robot, structure: Structure | None = None) -> tuple[str, ...]:
-    """Names of all gravity parameters and gain ratios of neighbours; with a `structure`, of those that the arm has."""
-    absent = absent_names(structure) if structure else {}
-    names = (*gravity_links(robot), *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
-    return tuple(name for name in names if name not in absent)
+def gravity_names(robot: Robot) -> tuple[str, ...]:
+    """Names of all gravity parameters and gain ratios of neighbours, those that an arm does not have among them."""
+    return (*gravity_links(robot), *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
 
 
 def absent_names(structure: Structure) -> dict[str, str]:
@@ -309,8 +307,9 @@ def standard_errors(names: Sequence[str], information: Floats) -> dict[str, floa
     blind = values < _BLIND * max(values.max(initial=0.0), 1.0)
     shows = ~np.any(np.abs(vectors[:, blind]) > 1e-4, axis=1)
     errors = np.sqrt(vectors[:, ~blind] ** 2 @ (1.0 / values[~blind])) / size[seen_at]
-    labels = [names[k] for k in seen_at.tolist()]
-    return {name: float(error) for name, error, is_shown in zip(labels, errors, shows, strict=True) if is_shown}
+    return {
+        names[k]: float(error) for k, error, is_shown in zip(seen_at.tolist(), errors, shows, strict=True) if is_shown
+    }
 
 
 def predicted_errors(truths: Sequence[Truth], motions: Sequence[Motion], names: Sequence[str]) -> dict[str, float]:

@@ -103,7 +103,7 @@ class Planner:
         self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
         self.seconds, self.shares, self.postures, self.passes = seconds, shares, postures, passes
         self.absent, self.collision = absent_names(minimal(robot)), Collision(robot)
-        self.names = gravity_names(robot, minimal(robot))
+        self.names = tuple(name for name in gravity_names(robot) if name not in self.absent)
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
         shares = sorted(shares or SHARES)
@@ -127,7 +127,7 @@ class Planner:
         self._away = _OPENING * (np.max(away, axis=1) + RAMP_TIME)
         sizes = self.prior.typical_sizes()
         self.sizes = np.array([sizes[name] for name in self.candidates.names])
-        self.criterion = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
+        self.whole = self.criterion = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
 
     def plan(self) -> Plan:
         """The plan that is asked for, without what it promises.
@@ -200,10 +200,9 @@ class Planner:
 
     def _optimum(self, budget: float) -> ContinuousDesign:
         """The continuous optimum; parameters that even it leaves unknown count no longer."""
-        whole = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
-        optimum = ContinuousDesign(self.candidates, whole, budget)
-        counted = np.median(whole.errors(self.candidates.information(optimum.counts)), axis=0) <= self.sizes
-        self.criterion = replace(whole, counted=counted | (not counted.any()))
+        optimum = ContinuousDesign(self.candidates, self.whole, budget)
+        counted = np.median(self.whole.errors(self.candidates.information(optimum.counts)), axis=0) <= self.sizes
+        self.criterion = replace(self.whole, counted=counted | (not counted.any()))
         return optimum if counted.all() else ContinuousDesign(self.candidates, self.criterion, budget)
 
     def _seconds(self, counts: Counts) -> float:

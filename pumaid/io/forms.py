@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
@@ -78,6 +79,16 @@ def yaml_text(text: str) -> str:
     is_plain = re.fullmatch(r"[A-Za-z][\w./()-]*(?: [\w./()-]+)*", text, re.ASCII) is not None
     words = {"true", "false", "yes", "no", "on", "off", "null", "y", "n"}
     return text if is_plain and text.lower() not in words else json.dumps(text, ensure_ascii=False)
+
+
+def yaml_number(value: float, decimals: int = 12) -> str:
+    """A number with a point and without exponent: YAML 1.1 would read 1 as an integer and 1e-9 as text."""
+    return np.format_float_positional(round(value, decimals) + 0.0, trim="0")
+
+
+def yaml_vector(values: Iterable[float], decimals: int = 12) -> str:
+    """Such numbers as a list."""
+    return f"[{', '.join(yaml_number(value, decimals) for value in values)}]"
 
 
 def file_name(path: Path) -> str:

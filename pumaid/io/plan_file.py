@@ -25,6 +25,7 @@ from pumaid.io.forms import (
     read_bytes,
     validated,
     yaml_text,
+    yaml_vector,
 )
 from pumaid.maths import Floats
 from pumaid.robot import Robot
@@ -314,8 +315,9 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
 
     def point(time: float, position: Floats, velocity: Floats) -> None:
         seconds, nanoseconds = divmod(round(1e9 * time), 10**9)
+        positions, velocities, accelerations = (yaml_vector(part, 9) for part in (position, velocity, still))
         lines.append(
-            f"- {{positions: {_listed(position)}, velocities: {_listed(velocity)}, accelerations: {_listed(still)},"
+            f"- {{positions: {positions}, velocities: {velocities}, accelerations: {accelerations},"
             f" time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
         )
 
@@ -345,16 +347,10 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
     )
 
 
-def _listed(values: Floats) -> str:
-    """With a point and no exponent: YAML 1.1 would read 1 as an integer and 1e-9 as text."""
-    decimals = [f"{round(value, 9) + 0.0:.9f}".rstrip("0") for value in values]
-    return "[" + ", ".join(text + "0" if text.endswith(".") else text for text in decimals) + "]"
-
-
 def _comment(motion: Motion, robot: Robot) -> str:
     """A run in a comment: ``joint 3 (elbow) from -125 to 125 deg at 30 deg/s, fit``."""
     joint = robot.joint(motion.joint)
-    scale, unit = (factor("deg"), "deg") if joint.is_revolute else (1.0, "m")
+    unit, scale = _units(robot, "deg")[motion.joint - 1]
     start, end, speed = (f"{value / scale + 0.0:.6g}" for value in (motion.start, motion.end, motion.velocity))
     return f"joint {joint.number} ({joint.name}) from {start} to {end} {unit} at {speed} {unit}/s, {motion.purpose}"
 

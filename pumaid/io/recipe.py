@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, cast
@@ -156,19 +156,15 @@ def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     return number
 
 
-def coupled(key: str) -> tuple[int, int] | None:
+def _coupling(key: str, info: ValidationInfo) -> tuple[int, int]:
     """Joints (driven, driving), from 1, that a key of `coupling` names: (5, 4) for r54, (12, 9) for r12_9."""
-    match = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d)_([1-9]\d?)", key)
-    return None if match is None else (int(match[1] or match[3]), int(match[2] or match[4]))
-
-
-def _coupling(key: str, info: ValidationInfo) -> str:
-    pair, n_joints = coupled(key), len(_arm(info).names)
-    if pair is None or not n_joints >= pair[0] > pair[1]:
+    match, n_joints = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d)_([1-9]\d?)", key), len(_arm(info).names)
+    pair = (int(match[1] or match[3]), int(match[2] or match[4])) if match else (0, 0)
+    if not n_joints >= pair[0] > pair[1]:
         raise refusal(
             f"{key[:60]} does not name two of the {n_joints} joints, the driven one and one nearer to the base", _GEARS
         )
-    return key
+    return pair
 
 
 def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
@@ -353,7 +349,7 @@ class RecipeForm(StrictForm):
 
 def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     """Faults that show only when two values are seen together; `names` are the joints'."""
-    lower, pairs = [name.lower() for name in names], [coupled(key) for key in form.coupling]
+    lower, pairs = [name.lower() for name in names], cast(Iterable[tuple[int, int]], form.coupling)
     for index, name in enumerate(lower):
         if name in lower[:index]:
             yield (
@@ -361,7 +357,7 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
                 f"joints {lower.index(name) + 1} and {index + 1} have the same name",
                 "give each its own name",
             )
-    for number in sorted({number for pair in pairs if pair for number in pair}):
+    for number in sorted({number for pair in pairs for number in pair}):
         if form.joints[number - 1].gear_ratio is None:
             yield (
                 ("joints", number - 1, "gear_ratio"),
@@ -423,7 +419,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         Path(name).name,
         hashlib.sha256(content).hexdigest(),
         effect_lines=tuple(document.line_of(("effects", index)) for index in range(len(form.effects))),
-        coupling={pair: ratio for key, ratio in form.coupling.items() if (pair := coupled(key)) is not None},
+        coupling=cast(dict[tuple[int, int], float], form.coupling),
         safety=_safety(form.safety, turns),
         payloads={name: (load.mass, *load.at) for name, file in form.files.items() for load in file.values()},
     )

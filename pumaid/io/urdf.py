@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pumaid.errors import Note, RecipeError, Where, listed, meant
-from pumaid.io.forms import file_name, read_bytes, yaml_text
+from pumaid.io.forms import file_name, read_bytes, yaml_number, yaml_text, yaml_vector
 from pumaid.io.recipe import SIZES, is_joint_name, parsed_recipe, recipe_text
 from pumaid.maths import Floats
 from pumaid.robot import placement, roll_pitch_yaw
@@ -22,8 +22,6 @@ MAX_BYTES, MAX_JOINTS = 20_000_000, 50
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 FREE_FALL = 9.80665
-#: Decimals of lengths and angles.
-DECIMALS = 12
 _XACRO = "; of a xacro file make a URDF first: xacro FILE > arm.urdf"
 
 
@@ -105,30 +103,26 @@ class UrdfFile:
         for link in self.links:
             self.links += [joint.child for joint in self.carried.get(link, []) if self.carrier[joint.child] is joint]
         stated = set(names["link"])
-        for joint in joints:
-            self._check(joint, stated)
+        for joint in joints:  # none of no type, at no link, or that closes a loop
+            lost = "".join([link for link in (joint.parent, joint.child) if link not in stated][:1])
+            for is_wrong, what, mend in (
+                (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
+                (
+                    not stated >= {joint.parent, joint.child},
+                    f"is at link '{lost[:40]}', which is not there",
+                    meant(lost, self.links),
+                ),
+                (
+                    self.carrier[joint.child] is not joint or joint.child not in self.links,
+                    f"closes a loop at link {joint.child}",
+                    "the links of a URDF are a tree: take it away",
+                ),
+            ):
+                if is_wrong:
+                    raise joint.refusal(f"joint {joint.name} {what}", mend)
         self.reach: dict[str, int] = {}
         for link in reversed(self.links):
             self.reach[link] = max((self.reach[j.child] + j.moves for j in self.carried[link]), default=0)
-
-    def _check(self, joint: UrdfJoint, stated: set[str]) -> None:
-        """Refuse a joint of no type, at no link, or that closes a loop."""
-        lost = "".join([link for link in (joint.parent, joint.child) if link not in stated][:1])
-        for is_wrong, what, mend in (
-            (joint.kind not in TYPES, f"has type '{joint.kind[:40]}'", meant(joint.kind, TYPES)),
-            (
-                not stated >= {joint.parent, joint.child},
-                f"is at link '{lost[:40]}', which is not there",
-                meant(lost, self.links),
-            ),
-            (
-                self.carrier[joint.child] is not joint or joint.child not in self.links,
-                f"closes a loop at link {joint.child}",
-                "the links of a URDF are a tree: take it away",
-            ),
-        ):
-            if is_wrong:
-                raise joint.refusal(f"joint {joint.name} {what}", mend)
 
     def branches(self, link: str) -> list[UrdfJoint]:
         """Moving joints that go out from a link and all that is fixed to it."""
@@ -183,17 +177,17 @@ class UrdfRecipe:
         gravity = np.array([0.0, 0.0, -FREE_FALL])
         for joint in before:
             gravity = gravity @ joint.frame()[:3, :3]
-        inside = (*before, *self.path)
-        self.left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in inside]
+        self.left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in before + self.path]
         lines, self.notes = _joint_lines(self.path)
-        texts = (path.name, self.base, self.tip)
-        file, *ends = ["".join(c if c.isprintable() else "?" for c in text) for text in texts]
+        file, *ends = [
+            "".join(c if c.isprintable() else "?" for c in text) for text in (path.name, self.base, self.tip)
+        ]
         self.text = recipe_text(
             shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1]]),
             name=yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
             base=ends[0],
             source=yaml_text(f"URDF {file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
-            gravity=_vector(gravity),
+            gravity=yaml_vector(gravity),
             joints=lines,
         )
         for joints, about in (
@@ -288,16 +282,16 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
         axis = joint.numbers("axis", "xyz", "1 0 0")
         if not 1e-9 < math.hypot(*axis) < math.inf:
             raise joint.refusal(f"the axis {axis} has no direction", 'write it as xyz="0 0 1"')
-        rpy, unit = _vector(roll_pitch_yaw(frame[:3, :3])), _vector(np.array(axis) / math.hypot(*axis))
+        rpy, unit = yaml_vector(roll_pitch_yaw(frame[:3, :3])), yaml_vector(np.array(axis) / math.hypot(*axis))
         line = (
             f"name: {yaml_text(name)}, type: {'prismatic' if is_rail else 'revolute'}, "
-            f"placement: {{xyz: {_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
+            f"placement: {{xyz: {yaml_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
         )
         low, high, speed = (joint.numbers("limit", key, "inf", count=1)[0] for key in ("lower", "upper", "velocity"))
         farthest, (slowest, fastest, _) = SIZES["limits", is_rail][1], SIZES["max_velocity", is_rail]
         has_limits, has_speed = -farthest <= low < high <= farthest, slowest <= speed <= fastest
-        line += f", limits: {_vector((low, high))}" if has_limits and joint.kind != "continuous" else ""
-        line += f", max_velocity: {_decimal(speed)}" if has_speed else ""
+        line += f", limits: {yaml_vector((low, high))}" if has_limits and joint.kind != "continuous" else ""
+        line += f", max_velocity: {yaml_number(speed)}" if has_speed else ""
         lines.append(f"{{{line}}}")
         lacking += [] if is_name else [f"a name of {name} other than {joint.name!r}"]
         lacking += [] if has_limits or joint.kind == "continuous" else [f"limits of {name}"]
@@ -305,12 +299,3 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
         frame = np.eye(4)
     text = f"the URDF states nothing that a recipe can hold for {listed(lacking)}: put the arm's own into the recipe"
     return lines, [Note("urdf-incomplete", text)] if lacking else []
-
-
-def _vector(values: Sequence[float] | Floats) -> str:
-    return f"[{', '.join(map(_decimal, values))}]"
-
-
-def _decimal(value: float) -> str:
-    """A bare number without exponent and trailing zeros."""
-    return np.format_float_positional(round(value, DECIMALS) + 0.0, trim="0")

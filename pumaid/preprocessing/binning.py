@@ -224,8 +224,9 @@ def _run_alone(
     if bins is None:
         return []
     span = (float(position[0]), float(position[-1]))
-    size = len(part)
-    return [_run(part, bins, joint, position=part.position, kind=piece.label, span=span, speed=speed, samples=size)]
+    return [
+        _run(part, bins, joint, position=part.position, kind=piece.label, span=span, speed=speed, samples=len(part))
+    ]
 
 
 def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, size: int) -> Bins:

@@ -87,11 +87,6 @@ def segment(
             runs = bounded(runs)
     rejects.sort(key=lambda item: (item.clock, item.start, item.first_row))
     files, notes, extra = (tuple(getattr(logs, name, ())) for name in ("files", "notes", "extra"))
-    return Dataset(tuple(runs), tuple(rejects), files, (*notes, *_clock_notes(runs)), extra)
-
-
-def _clock_notes(runs: Sequence[Run]) -> Iterator[Note]:
-    """A note if an even clock was taken for some runs."""
     moved = [run for run in runs if run.stamp_error > 0.0]
     if moved:
         error = 1e3 * math.sqrt(sum(run.stamp_error**2 for run in moved) / len(moved))
@@ -100,7 +95,8 @@ def _clock_notes(runs: Sequence[Run]) -> Iterator[Note]:
             f" time stamps say, which are {error:.2g} ms RMS off; an even clock is used for them. If you can, log the"
             " instant of sampling in microseconds"
         )
-        yield Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row))
+        notes = (*notes, Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row)))
+    return Dataset(tuple(runs), tuple(rejects), files, notes, extra)
 
 
 def bounded(runs: list[Run]) -> list[Run]:

@@ -86,9 +86,9 @@ class Dialect:
         self.delimiter, self.header, self.header_line = delimiter, header, place + 1
         n_quotes = [line.count('"') for line in body]
         self.has_quotes = any(n_quotes) and all(count % 2 == 0 for count in n_quotes)
-        is_comma = delimiter != "," or self.has_quotes  # a cell with a comma in it may be a number
-        is_comma = is_comma and any(_COMMA_NUMBER.fullmatch(cell) for row in self.rows for cell in row)
-        self.decimal = "," if is_comma else "."
+        # Where no comma parts cells, one with a comma in it may be a number.
+        has_commas = any(_COMMA_NUMBER.fullmatch(cell) for row in self.rows for cell in row)
+        self.decimal = "," if has_commas and (delimiter != "," or self.has_quotes) else "."
 
 
 class CsvLog(LogSource):

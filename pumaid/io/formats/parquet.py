@@ -30,9 +30,8 @@ class ParquetLog(LogSource):
         import pyarrow.parquet as pq
 
         with refusing(self.name, (pa.ArrowException, OSError)):
-            source = pa.OSFile(os.fsencode(self.path))
             self._file = pq.ParquetFile(
-                source,
+                pa.OSFile(os.fsencode(self.path)),
                 buffer_size=_BUFFER_BYTES,
                 pre_buffer=False,
                 page_checksum_verification=True,  # of pages that have a checksum
