@@ -16,7 +16,7 @@ from pumaid.effects import Loads, Samples, Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
 from pumaid.maths import Flags, Floats, Recursion, independent
-from pumaid.rigid_body import base_parameters, point_mass
+from pumaid.rigid_body import RANK, base_parameters, point_mass
 from pumaid.robot import Payload, Robot
 
 #: Name of the columns of what a rigid body has beside weight.
@@ -74,18 +74,14 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
     here by rank instead of by their case rules.
     """
     rng = np.random.default_rng(seed)
-    gravity, n, names = catalogue()["gravity"], robot.n_joints, [*gravity_links(robot)]
+    n, names = robot.n_joints, [*gravity_links(robot)]
     owners = np.array([*gravity_links(robot).values()]) - 1
-    widths = np.bincount(owners, minlength=n).tolist()
     recursion = Recursion(owners, n)
     truth = rng.uniform(0.5, 2.0, len(owners)) * rng.choice([-1.0, 1.0], len(owners))
     absent: dict[str, str] = {}
     embodied: list[int] = []
     for row in reversed(range(n)):
-        position = rng.uniform(-np.pi, np.pi, (POSTURES, n))
-        samples = Samples(row + 1, position, np.zeros_like(position))
-        felt = {link: gravity.columns(robot, samples, number=link) for link in range(row + 1, n + 1)}
-        rows = np.hstack([felt.get(link, np.zeros((POSTURES, width))) for link, width in enumerate(widths, start=1)])
+        rows = _gravity_rows(robot, row + 1, rng.uniform(-np.pi, np.pi, (POSTURES, n)))
         sign = rng.choice([-1.0, 1.0], POSTURES)
         matrix, owned, roots = recursion.design(row, rows)
         friction = np.column_stack([sign > 0, sign < 0]).astype(float)
@@ -119,6 +115,35 @@ def _why_absent(robot: Robot, link: int, constant: bool) -> str:
             f" friction and is part of coulomb.j{link}.plus and .minus"
         )
     return f"{name} stays perpendicular to gravity in every posture and so carries no weight"
+
+
+def _gravity_rows(robot: Robot, joint: int, position: Floats) -> Floats:
+    """(M, G) what the constants of gravity of all links, base to tip, ask of a joint at (M, J) positions."""
+    gravity, samples = catalogue()["gravity"], Samples(joint, position, np.zeros_like(position))
+    columns = [gravity.columns(robot, samples, number=link) for link in range(1, robot.n_joints + 1)]
+    return np.hstack([part * (link >= joint) for link, part in enumerate(columns, start=1)])
+
+
+@lru_cache(maxsize=16)
+def _weight_of_bodies(robot: Robot) -> Floats:
+    """(J, 2, B) what base parameters of the rigid body add to the constants of gravity of each link, all gains one.
+
+    Beyond a slide they are not the same, since the constants take up lengths and what its link weighs off its axis.
+    """
+    n, names, rng = robot.n_joints, [*gravity_links(robot)], np.random.default_rng(0)
+    position, still = rng.uniform(-np.pi, np.pi, (POSTURES, n)), np.zeros((n, POSTURES))
+    rows = base_parameters(robot).rows(position.T, still, still)
+    torque = np.vstack([np.pad(part.T, ((0, 0), (len(rows[0]) - len(part), 0))) for part in rows])
+    felt = np.vstack([_gravity_rows(robot, joint, position) for joint in range(1, n + 1)])
+    # Friction takes up what is the same in every posture.
+    constant = np.repeat(np.eye(n)[:, ~robot.is_revolute], POSTURES, axis=0)
+    shown = [number for number, name in enumerate(names) if name not in minimal(robot).absent]
+    solution = np.linalg.lstsq(np.hstack([felt[:, shown], constant]), torque, rcond=None)[0]
+    out = np.zeros((n, 2, len(rows[0])))
+    for row, number in zip(solution, shown, strict=False):
+        link, part = gravity_links(robot)[names[number]], names[number].endswith(".y")
+        out[link - 1, int(part)] = np.where(np.abs(row) > RANK, row, 0.0)
+    return out
 
 
 class Model:
@@ -271,12 +296,24 @@ class Model:
                 values = effect.columns(self.robot, samples, number=owner)
                 for index, column in group:
                     out[:, index] = values[:, names.index(column.name.rsplit(".", 1)[1])]
-        if self.is_dynamic and samples.acceleration.any():
+        if self.is_dynamic:
             pull = np.zeros((self.robot.n_joints, len(samples)))
             pull[samples.joint - 1] = samples.acceleration
-            body = replace(base_parameters(self.robot), robot=replace(self.robot, gravity=(0.0, 0.0, 0.0)))
-            rows = body.rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
-            out[:, self.inertial[-len(rows) :]] += rows.T
+            rows = base_parameters(self.robot).rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
+            out[:, self.inertial[-len(rows) :]] = rows.T
+        return out
+
+    def moments(self, solution: Floats, scales: Floats) -> Floats:
+        """(J, 2) first moment of each link, in its own gain: k_x and k_y, or mass and nothing of what slides.
+
+        `solution` (p,) are parameters, `scales` (J, J) ratios of gains; an unknown ratio counts as zero.
+        """
+        if self.is_dynamic:
+            gains = np.nan_to_num(scales)[:, self.owners[self.inertial] - 1]
+            return np.einsum("jkb,jb->jk", _weight_of_bodies(self.robot), gains * solution[self.inertial])
+        out = np.zeros((self.robot.n_joints, 2))
+        for number in np.flatnonzero(self.is_weight):
+            out[self.owners[number] - 1, int(self.names[number].endswith(".y"))] = solution[number]
         return out
 
     def friction(self, samples: Samples, solution: Floats) -> Floats:
@@ -374,8 +411,10 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     frames = robot.rotations(samples.position)
     z = frames[:, :, :, 2]
     levers = np.cross(z, g)
-    moments, weights = _moments(model, frames, samples=samples, solution=solution)
-    turns = robot.is_revolute
+    turns, constants = robot.is_revolute, model.moments(solution, scales)
+    across_axis = np.einsum("mjck,jk->mjc", frames[..., :2], constants)
+    weights = np.where(turns, 0.0, constants[:, 0])
+    moments = np.where(turns[:, None], across_axis, (robot.displacements(samples.position) * weights)[..., None] * z)
     heavy = np.abs(moments).max(axis=(0, 2)) > 0
     counted = np.where(heavy[None, :], np.triu(scales), 0.0)
     elsewhere = np.einsum("mkp,mjp,kj->mk", levers, moments, counted, optimize=True)
@@ -401,21 +440,6 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
         back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
     gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
     return Loads(load, elsewhere, slopes, tilts, across, load + model.friction(samples, solution), gains)
-
-
-def _moments(model: Model, frames: Floats, *, samples: Samples, solution: Floats) -> tuple[Floats, Floats]:
-    """(M, J, 3) first moment that each link adds, in its own gain; (J,) masses of prismatic links, else 0."""
-    robot = model.robot
-    out, weights = np.zeros((len(samples), robot.n_joints, 3)), np.zeros(robot.n_joints)
-    reach = robot.displacements(samples.position)
-    for n in np.flatnonzero(model.is_weight):
-        value, j, part = solution[n], model.columns[n].owner - 1, model.columns[n].name.rsplit(".", 1)[1]
-        if part == "mass":
-            weights[j] = value
-            out[:, j] = reach[:, j, None] * frames[:, j, :, 2] * value
-        else:
-            out[:, j] += frames[:, j, :, "xy".index(part)] * value
-    return out, weights
 
 
 def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:
