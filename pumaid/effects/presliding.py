@@ -1,7 +1,5 @@
 """Presliding: friction that builds up at the start of a motion."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pumaid.effects import Effect, Extent, Family, Parameter, Shape
@@ -31,7 +29,7 @@ class Presliding(Effect):
     linear = (Parameter("a", "A", "what friction lacks where the motion begins", "a{n}", 0.1, sign=1),)
     nonlinear = (Shape("travel", "{unit}", "travel over which what is lacking falls to 1/e", 1e-5, 0.4, 0.05),)
 
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
         longest = max(extent.travel / 4.0, 1e-4)
         lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, STARTS)
         return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 0.4))

@@ -1,7 +1,5 @@
 """Ripple: cogging, torque ripple, gear mesh."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pumaid.effects import Effect, Extent, Family, Parameter, Shape
@@ -41,7 +39,7 @@ class Ripple(Effect):
     )
     nonlinear = (Shape("frequency", "rad/{unit}", "radians of phase per rad or m of the joint", 0.5, 1e5, 50.0),)
 
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
         span = max(extent.position[1] - extent.position[0], extent.finest)
         highest, lowest = 2.0 * np.pi / extent.finest, max(FEWEST * 2.0 * np.pi / span, 0.5)
         gear = robot.joint(extent.joint).gear_ratio if extent.joint else None

@@ -1,7 +1,5 @@
 """Stribeck friction: less at higher speed."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pumaid.effects import Effect, Extent, Family, Parameter, Shape
@@ -34,7 +32,7 @@ class Stribeck(Effect):
         Shape("exponent", "1", "how sudden the fall is", 0.5, 2.0, 1.0),
     )
 
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
         slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
         speeds = np.clip(np.geomspace(slow, max(fast, 2.0 * slow), STARTS), 1e-4, 20.0)
         return tuple({"velocity": float(v), "exponent": d} for v in speeds for d in (1.0, 2.0))

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.effects import Effect, Family, Loads, Parameter, Samples, Scope, Shape
-from pumaid.effects.plugins import ARM
+from pumaid.effects import ARM, Effect, Family, Loads, Parameter, Samples, Scope, Shape
 from pumaid.maths import Floats
 from pumaid.reporting.table import Row, Table
 from pumaid.robot import Joint, Robot

@@ -143,12 +143,8 @@ def in_unit(unit: str, angle: str) -> tuple[float, str]:
     """Factor and unit word that show a number of `unit` with angles in `angle` (``rad`` or ``deg``)."""
     if angle == "rad" or not _ANGLE.search(unit):
         return 1.0, unit
-    scale = 1.0
-    above, _, below = unit.partition("/")
-    for part, sign in ((above, -1), (below, 1)):
-        for match in _ANGLE.finditer(part):
-            scale *= factor("deg") ** (sign * int(match[1] or 1))
-    return scale, _ANGLE.sub(r"deg\1", unit)
+    above, below = (sum(int(power or 1) for power in _ANGLE.findall(part)) for part in unit.partition("/")[::2])
+    return factor("deg") ** (below - above), _ANGLE.sub(r"deg\1", unit)
 
 
 def percent(share: float | None) -> str:
@@ -185,21 +181,16 @@ def listed(words: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def joint_title(robot: Robot, joint: int) -> str:
-    """Number and name of joint `joint` (from 1): ``Joint 3 (elbow)``."""
-    name = robot.joint(joint).name
-    return f"Joint {joint}" if name == f"joint{joint}" else f"Joint {joint} ({name})"
+def joint_title(robot: Robot, *joints: int) -> str:
+    """Numbers and names of joints (from 1): ``Joint 3 (elbow)``, ``Joints 1 (waist) and 3 (elbow)``."""
+    names = {joint: robot.joint(joint).name for joint in joints}
+    words = [f"{joint}" if name == f"joint{joint}" else f"{joint} ({name})" for joint, name in names.items()]
+    return f"Joint{'s' * (len(joints) > 1)} {listed(words)}"
 
 
 def joint_label(robot: Robot, joint: int | None) -> str:
     """Number and name of joint `joint` (from 1) in a table: ``3 elbow``; ``arm`` for none."""
     return f"{joint} {robot.joint(joint).name}" if joint else "arm"
-
-
-def joint_titles(robot: Robot, joints: Sequence[int]) -> str:
-    """Several joints (from 1): ``Joints 1 (waist) and 3 (elbow)``."""
-    names = [joint_title(robot, joint).removeprefix("Joint ") for joint in joints]
-    return f"Joint{'s' * (len(joints) > 1)} {listed(names)}"
 
 
 def posture_text(robot: Robot, positions: Sequence[float], angle: str = "rad", *, moving: int = 0) -> str:
@@ -363,7 +354,7 @@ def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) 
     for joint, text in texts:
         groups.setdefault(text, []).append(joint)
     return [
-        f"{'All joints' if len(joints) == count > 1 else joint_titles(robot, joints)}: {text}"
+        f"{'All joints' if len(joints) == count > 1 else joint_title(robot, *joints)}: {text}"
         for text, joints in groups.items()
     ]
 
@@ -443,14 +434,8 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
             verdict = ": it is another effect, or of another form, although it fits the other runs"
         out.append(f"The held-out runs confirm {share} of the predicted effect{verdict}.")
     out.append(f"p = {number(finding.p_value, 2)} over all effects and joints (family-wise).")
-    reasons = [
-        candidate.reason
-        for item in diagnosis.joints
-        for candidate in item.candidates
-        if (candidate.effect, candidate.joint) == (finding.effect, finding.joint) and candidate.reason
-    ]
-    if finding.verdict != ADD and reasons:
-        out.append(f"Doubtful: {reasons[0].rstrip('.')}.")
+    if finding.verdict != ADD:
+        out.append(f"Doubtful: {finding.reason.rstrip('.')}.")
     return [*out, size_sentence(finding, robot, units)]
 
 

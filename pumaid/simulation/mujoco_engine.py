@@ -134,7 +134,8 @@ class RigidArm:
 
     The engine steps by `step` s. `grip` gives of the shafts' velocity (J,) the (J,) times Coulomb friction that the
     engine holds against them; where not given, `Truth.breakaway` at rest and 1 in motion. `model` and `data` are
-    MuJoCo's own; `state` is what hidden effects depend on, whose `time`, `first` and `temperature` the caller sets.
+    MuJoCo's own, and so are `position` (J,) rad or m and `velocity` (J,), the joints' exact ones; `state` is what
+    hidden effects depend on, whose `time`, `first` and `temperature` the caller sets.
     """
 
     def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:
@@ -162,22 +163,12 @@ class RigidArm:
         self.data = mujoco.MjData(self.model)
         self._begin, self._finish = mujoco.mj_step1, mujoco.mj_step2
         self._dry = self.model.tendon_frictionloss if truth.robot.coupling else self.model.dof_frictionloss
-        self._position, self._velocity, self._bias = self.data.qpos, self.data.qvel, self.data.qfrc_bias
-
-    @property
-    def position(self) -> Floats:
-        """(J,) rad or m of the joints, exact."""
-        return np.array(self._position)
-
-    @property
-    def velocity(self) -> Floats:
-        """(J,) rad/s or m/s of the joints, exact."""
-        return np.array(self._velocity)
+        self.position, self.velocity, self._bias = self.data.qpos, self.data.qvel, self.data.qfrc_bias
 
     @property
     def shaft_velocity(self) -> Floats:
         """(J,) rad/s or m/s at which the motors turn, geared to their joints; the joints' own where none is coupled."""
-        return np.asarray(self._shafts @ self._velocity)
+        return np.asarray(self._shafts @ self.velocity)
 
     @property
     def load(self) -> Floats:
@@ -187,15 +178,15 @@ class RigidArm:
     @property
     def reading(self) -> Floats:
         """(J,) rad or m that exact encoders tell: where the motors stand, not the links."""
-        return self._position - self._offset + self._sag * self.load
+        return self.position - self._offset + self._sag * self.load
 
     def place(self, reading: Floats) -> None:
         """Put the arm at rest where exact encoders tell `reading` (J,)."""
-        self._velocity[:] = 0.0
-        self._position[:] = reading + self._offset
+        self.velocity[:] = 0.0
+        self.position[:] = reading + self._offset
         for _ in range(_ROUNDS):
             self._begin(self.model, self.data)
-            self._position[:] = reading + self._offset - self._sag * self.load
+            self.position[:] = reading + self._offset - self._sag * self.load
         self._departure = reading.copy()
         self._look()
 
@@ -207,9 +198,9 @@ class RigidArm:
         self._finish(self.model, self.data)
         self.state.time = self.state.time + self.step
         if self._payloads and self.state.time - np.min(self.state.first) > self._payloads[0]["time"]:
-            position, velocity = self.position, self.velocity
+            position, velocity = self.position.copy(), self.velocity.copy()
             self._build(replace(self.truth, links=self.truth.links.loaded(self._payloads.pop(0))))
-            self._position[:], self._velocity[:] = position, velocity
+            self.position[:], self.velocity[:] = position, velocity
         self._look()
 
     def _look(self) -> None:
@@ -224,7 +215,7 @@ class RigidArm:
             state.friction = self.truth.friction.currents(state.velocity)
             if self._needs_across:
                 arm = replace(self.truth.robot, gravity=self.truth.gravity())
-                state.across = gravity_load(arm, self.truth.links, self._position[None])[1][0] * np.abs(self._gain)
+                state.across = gravity_load(arm, self.truth.links, self.position[None])[1][0] * np.abs(self._gain)
             dry = dry + self._hidden(Kind.FRICTION)
         self._dry[:] = np.maximum(dry / np.abs(self._gain), 0.0)
         self._begin(self.model, self.data)

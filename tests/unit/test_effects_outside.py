@@ -13,8 +13,7 @@ import pumaid.effects
 import pumaid.exports.formats
 import pumaid.io.formats
 import pumaid.reporting.page
-from pumaid.effects import catalogue, include
-from pumaid.effects.plugins import ARM, breach, column_checks, example
+from pumaid.effects import ARM, breach, catalogue, column_checks, example, include
 from pumaid.errors import ModelError
 from pumaid.exports import every_form, export
 from pumaid.io.formats import log_formats
@@ -195,7 +194,7 @@ SECTIONS = (Section("dummy", "Dummy section", 1, greeting),)
 '''
 FORM = '''
 """A dummy."""
-from pumaid.exports.base import Form
+from pumaid.exports import Form
 
 def ratios(subject):
     return {".txt": repr(subject.formulas.ratios.tolist())}, ()
@@ -207,7 +206,7 @@ FORMS = {"dummy": Form(ratios)}
 @pytest.fixture
 def added(tmp_path, monkeypatch):
     """A function that has a file found in a package's folder, as if it stood there."""
-    caches = (catalogue, pumaid.effects._built_in, every_form, log_formats, environment)
+    caches = (catalogue, every_form, log_formats, environment)
 
     def add(package, text: str, name: str = "dummy") -> None:
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")

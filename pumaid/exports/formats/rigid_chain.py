@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.exports.base import Form, Subject, head
+from pumaid.exports import Form, Subject, head
 from pumaid.exports.formulas import Lack
 from pumaid.maths import Floats
 from pumaid.robot import roll_pitch_yaw
