@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import pandas as pd
-from rich.console import Console
+from rich.console import Console, Group
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import compare
@@ -156,8 +156,7 @@ class Answer:
 
     def _console(self) -> Console:
         console = Console(file=io.StringIO(), width=WIDTH, record=True, highlight=False)
-        for part in self._parts:
-            console.print(part)
+        console.print(Group(*self._parts))
         return console
 
 

@@ -104,9 +104,7 @@ def spare_inputs(
                 "replace it with --force, or write to another file with -o",
             )
     inputs = [path for path in (*read, *effect_files()) if path is not None and str(path) != "-"]
-    for place in places:
-        if place is None or str(place) == "-":
-            continue
+    for place in (place for place in places if place is not None and str(place) != "-"):
         real, is_there = os.path.realpath(place), place.exists()
         taken = [
             path

@@ -177,12 +177,12 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
 
     A ModelError [torque-constants] says that it is neither, or not of this arm, or that a constant is zero.
     """
-    words = text.split(",")
-    constants: dict[int, float] = {}
+    words, constants = [word.rpartition("=") for word in text.split(",")], dict[int, float]()
     with suppress(ValueError):
-        for place, word in enumerate(words, start=1):
-            joint, is_named, value = word.rpartition("=")
-            constants[int(joint) if is_named else place] = float(value)
+        constants = {
+            int(joint) if is_named else place: float(value)
+            for place, (joint, is_named, value) in enumerate(words, start=1)
+        }
     is_complete = len(constants) == len(words) and ("=" in text or len(words) == joints)
     are_numbers = all(math.isfinite(value) and value != 0.0 for value in constants.values())
     if not (is_complete and are_numbers and set(constants) <= set(range(1, joints + 1))):

@@ -46,12 +46,12 @@ def facts(effect: Effect) -> dict[str, Any]:
         "look_alikes": list(effect.look_alikes),
         "physics": inspect.cleandoc(type(effect).__doc__ or ""),
         "parameters": [
-            {"owner": kind, "symbol": parameter.symbol.format(n="N")} | _numbers(parameter)
+            {"owner": kind, "symbol": parameter.symbol.format(n="N")} | _stated(parameter)
             for kind, number in owners
             for parameter in effect.parameters(ARM, number)
         ],
         "shapes": [
-            {"owner": kind, "is_searched": shape.is_searched} | _numbers(shape)
+            {"owner": kind, "is_searched": shape.is_searched} | _stated(shape)
             for kind, number in owners
             for shape in effect.shapes(ARM, number)
         ],
@@ -64,17 +64,10 @@ def facts(effect: Effect) -> dict[str, Any]:
     }
 
 
-def _numbers(item: Parameter | Shape) -> dict[str, Any]:
+def _stated(item: Parameter | Shape) -> dict[str, Any]:
     """What a parameter and a shape have in common."""
-    low, high = (limit if math.isfinite(limit) else None for limit in (item.low, item.high))
-    return {
-        "name": item.name,
-        "unit": item.unit,
-        "meaning": item.meaning,
-        "example": item.example,
-        "low": low,
-        "high": high,
-    }
+    values = {name: getattr(item, name) for name in ("name", "unit", "meaning", "example", "low", "high")}
+    return {name: None if value in (-math.inf, math.inf) else value for name, value in values.items()}
 
 
 def command(effect: Effect) -> str:

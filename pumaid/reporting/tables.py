@@ -66,8 +66,8 @@ NO_BIAS = 1e-4
 #: Terms of a combination below this share of its largest are left out.
 SMALLEST_TERM = 1e-3
 
-VERDICTS = {ADD: "add", ABSENT: "absent", UNSEEN: "not testable"}
-_VERDICT_TONES = {ADD: "alarm", ABSENT: "absent", UNSEEN: "unknown"}
+#: Verdict -> its words and tone; others are said as they are.
+VERDICTS = {ADD: ("add", "alarm"), ABSENT: ("absent", "absent"), UNSEEN: ("not testable", "unknown")}
 
 NONE = Cell("-", tone="absent")
 EMPTY = Paragraph("")
@@ -257,8 +257,8 @@ def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
         unique.setdefault((item.effect, item.joint), item)
     for item in sorted(unique.values(), key=lambda item: (item.joint is None, item.joint or 0)):
         mark = marked(marks, item.reason) if item.verdict != ADD else ""
-        joint = joint_label(robot, item.joint)
-        verdict = Cell(VERDICTS.get(item.verdict, item.verdict), "", mark, _VERDICT_TONES.get(item.verdict, "weak"))
+        joint, (words, tone) = joint_label(robot, item.joint), VERDICTS.get(item.verdict, (item.verdict, "weak"))
+        verdict = Cell(words, mark=mark, tone=tone)
         scores = [number(x, digits) if np.isfinite(x) else "-" for x, digits in ((item.p_value, 2), (item.evidence, 3))]
         folds = [amount(rmse).text for rmse in (item.rmse_heldout_before, item.rmse_heldout_after) if rmse is not None]
         rivals = ", ".join(label(name) for name in item.rivals) or "-"

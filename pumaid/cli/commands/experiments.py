@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 import shlex
 from collections.abc import Callable, Iterator, Sequence
@@ -485,15 +483,15 @@ def run(*words: str) -> dict[str, Any]:
 
     ResultError [step-failed] where it fails.
     """
+    from click.testing import CliRunner
+
     from pumaid.cli import EXIT_INTERRUPTED, group
 
     line = shlex.join(["pumaid", *words])
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = group.main([*words], prog_name="pumaid", standalone_mode=False)
+    done = CliRunner().invoke(group, words, catch_exceptions=False, prog_name="pumaid", standalone_mode=False)
+    code, remarks = done.return_value, done.stderr.strip()
     if code == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
-    remarks = err.getvalue().strip()
     if code:
         raise ResultError("step-failed", f"'{line}' left with exit code {code}: {remarks}", mend="mend what it says")
-    return {"command": line, "told": out.getvalue() or f"{remarks.splitlines()[-1]}\n"}
+    return {"command": line, "told": done.stdout or f"{remarks.splitlines()[-1]}\n"}
