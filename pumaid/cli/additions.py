@@ -1,4 +1,4 @@
-"""Fits of the command line, and adding what a diagnosis found: the command for it, and ``--apply``, step by step."""
+"""Fits and diagnoses of the command line, and adding what was found: the command for it, and ``--apply``."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -6,14 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pumaid.cli.output import progress
+from pumaid.cli.output import effect_files, notes, progress, remark, show
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import ADD, DIAGNOSIS_NAME, Diagnosis, Finding, read_diagnosis
 from pumaid.effect_spec import option_text
 from pumaid.effects import catalogue
 from pumaid.errors import ResultError
 from pumaid.estimate import GIVEN, Estimate
-from pumaid.experiment import Experiment
+from pumaid.experiment import Experiment, check_logs
+from pumaid.reporting.table import Paragraph
 from pumaid.reporting.text import left_out_sentence, step_sentence
 from pumaid.results.history import keep
 from pumaid.robot import EffectChoice, Robot
@@ -30,6 +31,39 @@ def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:
 
     with progress("identifying", total=robot.n_joints) as step:
         return identify(dataset, robot, progress=lambda joint, text: step(robot.n_joints - joint, text), **choices)
+
+
+def diagnosed(
+    model: Path, experiment: Experiment, suspects: Sequence[str], *, current: Path | None, is_quiet: bool
+) -> Diagnosis:
+    """The diagnosis of a model file, with what it finds added to the file `current` if there is one, and earlier ones.
+
+    `suspects` are columns of the logs; the steps of the adding go to standard error where it `is_quiet`.
+    """
+    from pumaid.diagnosis.diagnose import diagnose
+
+    estimate, robot = experiment.model(model), experiment.robot
+    dataset = experiment.dataset(extra=suspects)
+    check_logs(estimate, dataset, trust=experiment.trust)
+
+    def again(model: Estimate) -> Diagnosis:
+        with progress("diagnosing") as step:
+            diagnosis = diagnose(model, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
+        return with_commands(diagnosis, model, robot, experiment=experiment, effects=effect_files())
+
+    diagnosis = again(estimate)
+    if current is not None:
+        diagnosis, estimate = added(
+            diagnosis,
+            estimate,
+            dataset,
+            robot=robot,
+            model=current,
+            again=again,
+            tell=remark if is_quiet else lambda text: show(Paragraph(text)),
+        )
+    notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
+    return with_earlier(diagnosis, estimate, experiment.results_folder)
 
 
 def with_commands(
@@ -69,12 +103,8 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
     for choice in estimate.effects:
         prefix = f"{choice.effect}." if choice.joint is None else f"{choice.effect}.j{choice.joint}."
         is_whole = catalogue()[choice.effect].is_repeatable
-        out.append(
-            replace(
-                choice,
-                shape={name: value for name, value in choice.shape.items() if is_whole or prefix + name in given},
-            )
-        )
+        shape = {name: value for name, value in choice.shape.items() if is_whole or prefix + name in given}
+        out.append(replace(choice, shape=shape))
     return tuple(out)
 
 

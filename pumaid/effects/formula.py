@@ -98,11 +98,6 @@ def loads_of(samples: Samples) -> Loads:
     return samples.loads
 
 
-def _load_owner(robot: Robot, samples: Samples, owner: int) -> Floats:
-    loads = loads_of(samples)
-    return loads.moving if owner == samples.joint else np.nan_to_num(loads.by_joint[:, owner - 1])
-
-
 @lru_cache(maxsize=1)  # asked again for every quantity, and every instant at which a payload may have come
 def _unit_body(robot: Robot, samples: Samples) -> Floats:
     """(M, 4) A that a unit of mass at the last link's origin draws, and a unit of first moment along each of its axes.
@@ -145,7 +140,9 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "across": lambda robot, samples, owner: loads_of(samples).across,
     "tilt_x": lambda robot, samples, owner: loads_of(samples).tilts[:, 0],
     "tilt_y": lambda robot, samples, owner: loads_of(samples).tilts[:, 1],
-    "load_owner": _load_owner,
+    "load_owner": lambda robot, samples, owner: (
+        loads_of(samples).moving if owner == samples.joint else np.nan_to_num(loads_of(samples).by_joint[:, owner - 1])
+    ),
     "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
     **{name: partial(_gamma, part=part) for part, name in enumerate(GAMMAS)},
 }

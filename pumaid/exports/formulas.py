@@ -97,7 +97,12 @@ class Formulas:
             coulomb=coulomb,
             viscous=viscous,
             shaft=robot.shaft_speeds,
-            terms=tuple(term for effect in effects for term in _terms(robot, effect, solution, has_ratios=has_ratios)),
+            terms=tuple(
+                term
+                for effect in effects
+                if reasons[spoken(effect)] is None
+                for term in _terms(robot, effect, solution, has_ratios=has_ratios)
+            ),
             left_out=tuple(Lack(name, reason) for name, reason in reasons.items() if reason is not None),
             undetermined=tuple(
                 Lack(value.name, value.reason or "these data do not tell it")
@@ -154,8 +159,6 @@ def why_left_out(term: EffectTerm, robot: Robot) -> str | None:
 
 def _terms(robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: Flags) -> Iterator[Term]:
     """An effect's terms; the load of another joint with an unknown ratio counts as none, as in the model."""
-    if why_left_out(term, robot) is not None:
-        return
     effect, owner = term.effect, term.number
     parts = [part for part in term.parts(robot, 0) if part.shape is None]
     names = [parameter.name for parameter in effect.parameters(robot, owner)]

@@ -46,25 +46,20 @@ def plain(value: Any) -> Any:
     """`value` in JSON's types: arrays and tuples become lists, records objects, non-finite numbers null."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, str):
-        return _encodable(value)
+    if isinstance(value, str):  # bytes of a file name that are not UTF-8 become backslash escapes
+        return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode("utf-8")
     if value is None or isinstance(value, int):
         return value
     if isinstance(value, Note):
         return plain(value.as_json())
     if isinstance(value, Mapping):
-        return {_encodable(str(key)): plain(item) for key, item in value.items()}
+        return {plain(str(key)): plain(item) for key, item in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
         names = _ENTRIES.get(type(value).__name__, {})
         return {names.get(item.name, item.name): plain(getattr(value, item.name)) for item in fields(value)}
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     return [plain(item) for item in value]
-
-
-def _encodable(value: str) -> str:
-    """Text without surrogates: bytes of a file name that are not UTF-8 become backslash escapes."""
-    return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def as_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:

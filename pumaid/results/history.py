@@ -185,14 +185,16 @@ def read_history(results: Path) -> History:
     main = next((entry for entry in entries if entry.number == current), entries[-1])
     groups: dict[tuple[object, ...], list[Rung]] = {main.key: []}
     for entry in entries:
-        group, effects, changed = groups.setdefault(entry.key, []), entry.estimate.effects, []
-        for rung in reversed(group):
-            before = rung.estimate.effects
-            added, removed = _beyond(effects, before), _beyond(before, effects)
-            changed.append(replace(entry, parent=rung.number, added=added, removed=removed))
-        first = replace(entry, added=effects)
-        nearest = min(changed, key=lambda rung: len(rung.added) + len(rung.removed), default=first)
-        group.append(replace(nearest, is_current=entry.number == current))
+        group, effects = groups.setdefault(entry.key, []), entry.estimate.effects
+        changes = [
+            (_beyond(effects, x.estimate.effects), _beyond(x.estimate.effects, effects), x.number) for x in group
+        ]
+        nearest = min(
+            reversed(changes), key=lambda change: len(change[0]) + len(change[1]), default=(effects, (), None)
+        )
+        added, removed, parent = nearest
+        is_current = entry.number == current
+        group.append(replace(entry, parent=parent, added=added, removed=removed, is_current=is_current))
     return History(
         str(results / FOLDER), tuple(_ladder(group, main) for group in groups.values()), current, tuple(notes)
     )

@@ -11,9 +11,7 @@ import rich_click as click
 from pumaid.cli import options
 from pumaid.cli.output import (
     document,
-    effect_files,
     notes,
-    progress,
     remark,
     show,
     spare_inputs,
@@ -23,7 +21,6 @@ from pumaid.cli.output import (
 
 if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
-    from pumaid.estimate import Estimate
     from pumaid.experiment import Experiment
     from pumaid.robot import Robot
 
@@ -256,6 +253,7 @@ def diagnose(
       pumaid diagnose results/model.json logs/ --suspect supply_voltage
       pumaid diagnose results/model.json logs/ --json | jq '.findings[].effect'
     """
+    from pumaid.cli.additions import diagnosed
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.reporting.tables import diagnosis_parts, history_table
     from pumaid.results.history import ladder_of
@@ -265,7 +263,7 @@ def diagnose(
     current = folder / "model.json" if is_applied else None
     path = output or folder / DIAGNOSIS_NAME
     spare_inputs(places, experiment.files(model, current) if any(places) else [], new=() if force else (plan,))
-    diagnosis = _diagnosis(model, experiment, suspect, current=current, is_quiet=is_quiet)
+    diagnosis = diagnosed(model, experiment, suspect, current=current, is_quiet=is_quiet)
     robot = experiment.robot
     if is_written:
         write_diagnosis(path, diagnosis)
@@ -287,39 +285,6 @@ def diagnose(
     if plan is not None:
         _write_plan(plan, diagnosis, robot)
     return check and (bool(diagnosis.findings) or any(joint.verdict != "adequate" for joint in diagnosis.joints))
-
-
-def _diagnosis(
-    model: Path, experiment: Experiment, suspects: tuple[str, ...], *, current: Path | None, is_quiet: bool
-) -> Diagnosis:
-    """The diagnosis, with what it finds added to the file `current` if there is one, and what was found earlier."""
-    from pumaid.cli.additions import added, with_commands, with_earlier
-    from pumaid.diagnosis.diagnose import diagnose
-    from pumaid.experiment import check_logs
-    from pumaid.reporting.table import Paragraph
-
-    estimate, robot = experiment.model(model), experiment.robot
-    dataset = experiment.dataset(extra=suspects)
-    check_logs(estimate, dataset, trust=experiment.trust)
-
-    def again(model: Estimate) -> Diagnosis:
-        with progress("diagnosing") as step:
-            diagnosis = diagnose(model, dataset, robot, suspects=suspects, progress=lambda text: step(0.0, text))
-        return with_commands(diagnosis, model, robot, experiment=experiment, effects=effect_files())
-
-    diagnosis = again(estimate)
-    if current is not None:
-        diagnosis, estimate = added(
-            diagnosis,
-            estimate,
-            dataset,
-            robot=robot,
-            model=current,
-            again=again,
-            tell=remark if is_quiet else lambda text: show(Paragraph(text)),
-        )
-    notes(dict.fromkeys((*dataset.notes, *diagnosis.notes)))
-    return with_earlier(diagnosis, estimate, experiment.results_folder)
 
 
 def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:

@@ -1,7 +1,6 @@
 """How figures look, and how they become PNG, SVG, PDF or part of a page."""
 
 import io
-import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -188,13 +188,9 @@ def zero_line(axes: Axes, floor: float | None = None) -> None:
 
 def clock_shifts(items: Iterable[Run | Reject], gap: float = 0.0) -> dict[int, float]:
     """Time (s) added to each clock so that recordings follow one another from 0, `gap` as a share of all between."""
-    spans: dict[int, tuple[float, float]] = {}
-    for item in items:
-        low, high = spans.get(item.clock, (math.inf, -math.inf))
-        spans[item.clock] = (min(low, item.start), max(high, item.start + item.duration))
-    pause = gap * sum(high - low for low, high in spans.values())
-    shifts, at = {}, 0.0
-    for clock, (low, high) in sorted(spans.items()):
-        shifts[clock] = at - low
-        at += high - low + pause
-    return shifts
+    times = pd.DataFrame(
+        ((item.clock, item.start, item.start + item.duration) for item in items), columns=["clock", "start", "end"]
+    )
+    spans = times.groupby("clock").agg({"start": "min", "end": "max"})
+    lengths = spans["end"] - spans["start"]
+    return dict((lengths + gap * lengths.sum()).cumsum().shift(fill_value=0.0) - spans["start"])
