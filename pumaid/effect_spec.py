@@ -92,10 +92,9 @@ class EffectTerm:
         ]
         for item in items:
             is_shape = isinstance(item, Shape)
-            symbol = item.name if isinstance(item, Shape) else item.symbol.format(n=number)
             yield Column(
                 name=f"{effect.name}.{letter}{item.name}{self.mark}",
-                symbol=symbol + self.mark,
+                symbol=(item.symbol.format(n=number) if isinstance(item, Parameter) else item.name) + self.mark,
                 unit=item.unit,
                 owner=number,
                 effect=effect.name,
@@ -109,8 +108,8 @@ class EffectTerm:
         """(M, p) A per unit of each linear parameter; zero where it does not act, and where a load is not known."""
         if not self.touches(samples.joint):
             return np.zeros((len(samples), len(self.effect.parameters(robot, self.number))))
-        at = self.shape if shape is None else shape
-        columns = self.effect.columns(robot, samples, number=self.number, shape=at)
+        shape = self.shape if shape is None else shape
+        columns = self.effect.columns(robot, samples, number=self.number, shape=shape)
         return columns if np.isfinite(columns.sum()) else np.nan_to_num(columns)
 
     def columns(self, robot: Robot, samples: Samples) -> Floats:

@@ -123,9 +123,6 @@ def progress(title: str, *, total: float | None = None) -> Iterator[Callable[[fl
 
     Yields ``step(done, text)``: how much of `total` (in any unit, None: unknown) is done, and words on what is at hand.
     """
-    if not sys.stderr.isatty():
-        yield lambda done, text: None
-        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -137,6 +134,7 @@ def progress(title: str, *, total: float | None = None) -> Iterator[Callable[[fl
         TimeElapsedColumn(),
         console=Console(stderr=True),
         transient=True,
+        disable=not sys.stderr.isatty(),
     ) as shown:
         task = shown.add_task(title, total=total, text="")
 

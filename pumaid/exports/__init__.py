@@ -137,9 +137,7 @@ LONGEST = 40
 def identifier(text: str) -> str:
     """A lower-case name of letters, digits and underscores, close to `text`; ``arm`` where nothing is left of it."""
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
-    name = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:LONGEST].strip("_")
-    if not name:
-        return "arm"
+    name = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:LONGEST].strip("_") or "arm"
     if name[0].isdigit():
         name = f"arm_{name}"
     return f"{name}_model" if name in RESERVED or keyword.iskeyword(name) else name

@@ -110,9 +110,8 @@ def effects_table(effects: Iterable[dict[str, Any]]) -> Table:
     )
 
 
-def effect_parts(effect: Effect) -> list[str | Table]:
-    """An effect explained: its law and physics, parameters and shapes, and where it is seen and how it is added."""
-    entry = facts(effect)
+def effect_parts(entry: dict[str, Any]) -> list[str | Table]:
+    """An effect explained by its `facts`: law, physics, parameters and shapes, where it is seen and how it is added."""
     parts: list[str | Table] = [f"{entry['effect']}: {entry['title']}\n\n{entry['equation']}\n\n{entry['physics']}"]
     for kind, title in (("parameter", f"parameters of {entry['owner']}:"), ("shape", "shape (searched, or given):")):
         rows: list[Row] = []

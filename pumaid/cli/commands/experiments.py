@@ -144,8 +144,6 @@ def _list_robots(as_json: bool) -> None:
 ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
 #: Options that shape a whole plan.
 SHAPES = ("minutes", "speeds", "postures", "replicates")
-#: Option -> the one without which it means nothing.
-NEEDS = {"against": "for", "size": "for", "logs": "for"}
 #: Two options, the second one of several, that do not go together, and why.
 EXCLUDES = (
     ("check", ("for",), "--check looks at a plan; --for makes one"),
@@ -253,7 +251,9 @@ def plan(
 def _refuse_contradictions(options: dict[str, Any]) -> None:
     """Refuse options (name -> value) of which one needs another that is missing, or that do not go together."""
     given = {name for name, value in options.items() if value not in (None, ())}
-    wrong = [f"--{name} goes with --{other}" for name, other in NEEDS.items() if name in given and other not in given]
+    wrong = [
+        f"--{name} goes with --for" for name in ("against", "size", "logs") if name in given and "for" not in given
+    ]
     wrong += [reason for name, rivals, reason in EXCLUDES if name in given and given & set(rivals)]
     if given >= {"size", "against", "logs"}:
         wrong.append("--size goes without --logs where there is a rival: in logs an effect has the size that it has")

@@ -274,4 +274,4 @@ def effects(*, name: str | None, as_json: bool) -> None:
     elif name is None:
         show(effects_table(chosen))
     else:
-        show(*effect_parts(listing[name]))
+        show(*effect_parts(chosen[0]))

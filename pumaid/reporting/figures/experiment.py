@@ -23,7 +23,6 @@ from pumaid.reporting.figures.style import (
     TINT,
     Drawing,
     clock_shifts,
-    heading,
     legend,
     styled,
     zero_line,
@@ -145,7 +144,6 @@ def posture_figure(plan: Plan, robot: Robot) -> Drawing:
                 fontweight="normal",
             )
     rest = f", {len(groups) - MOST_PANELS} more not drawn" if len(groups) > MOST_PANELS else ""
-    heading(figure, f"{robot.name}: {len(groups)} postures, {len(plan.motions)} runs{rest}")
     handles = [
         Patch(color=INK, label="held"),
         Patch(color=FORWARD, label="moves (thin: both ends)"),
@@ -153,7 +151,7 @@ def posture_figure(plan: Plan, robot: Robot) -> Drawing:
     ]
     if robot.safety and robot.safety.boxes:
         handles.append(Patch(facecolor=BACKWARD, alpha=0.2, label="forbidden box"))
-    legend(figure, handles, 4)
+    legend(figure, handles, 4, title=f"{robot.name}: {len(groups)} postures, {len(plan.motions)} runs{rest}")
     return Drawing("postures", f"{robot.name}: postures of the plan", "", figure)
 
 
@@ -239,9 +237,9 @@ def run_figure(dataset: Dataset, robot: Robot, units: str = "rad", *, limit: int
         label = f"{reason.replace('-', ' ')}: {100 * sum(reject.samples for reject in rejects) / read:.1f} %"
         face, hatch = "white" if reason == "rest" else TINT, HATCHES.get(reason, "....")
         handles.append(Patch(facecolor=face, edgecolor=GREY, linewidth=0.5, hatch=hatch, label=label))
-    legend(figure, handles, 6)
     used = read - sum(reject.samples for reject in dataset.rejects)
-    heading(figure, f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used")
+    title = f"{robot.name}: {counted_runs(dataset.runs)}; {100 * used / read:.0f} % of {read:,} samples used"
+    legend(figure, handles, 6, title=title)
     caption = f"The first {limit} of {len(dataset.runs)} runs. " if is_cut else ""
     caption += "Velocity and position against time: runs in their joint's colour, strokes dashed, the rest hatched."
     return Drawing("segments", "Runs found in the logs", caption, figure)

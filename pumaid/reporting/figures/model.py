@@ -32,7 +32,6 @@ from pumaid.reporting.figures.style import (
     direction_handles,
     dots,
     error_marks,
-    heading,
     legend,
     panels,
     styled,
@@ -107,8 +106,8 @@ def share_figure(context: ReportContext) -> Drawing:
     }
     is_merged = any(TOGETHER in name for name in names)
     handles = [Patch(color=colour, label=" + ".join(words[name])) for name, colour in colours.items()]
-    legend(figure, handles, 1 if is_merged else 3)
-    heading(figure, f"{shortened(context.robot.name)}\nWhat the motor currents are spent on")
+    title = f"{shortened(context.robot.name)}\nWhat the motor currents are spent on"
+    legend(figure, handles, 1 if is_merged else 3, title=title)
     caption = "Shares of the mean square of each joint's current, which heats the motor; right: RMS current."
     caption += " The fitted logs do not separate effects that share a colour." if is_merged else ""
     return Drawing("spent", f"{context.robot.name}: what the motor currents are spent on", caption, figure)

@@ -142,14 +142,11 @@ def direction_handles(signs: Iterable[int]) -> list[Patch]:
     ]
 
 
-def legend(figure: Figure, handles: Sequence[Artist], columns: int = 3) -> None:
-    """A legend below all panels."""
+def legend(figure: Figure, handles: Sequence[Artist], columns: int = 3, *, title: str = "") -> None:
+    """A legend below all panels, and a title above them where there is one."""
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=1.2)
-
-
-def heading(figure: Figure, text: str) -> None:
-    """A title above all panels."""
-    figure.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
 
 
 def error_marks(axes: Axes, x: Any, y: Any, *, errors: Any, sign: int = 1, **look: Any) -> None:
