@@ -10,12 +10,10 @@ import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from pumaid import __version__
 from pumaid.effect_spec import check_parameters
 from pumaid.estimate import Estimate
 from pumaid.exports import formats
-from pumaid.exports.equivalent_bodies import Bodies, bodies
-from pumaid.exports.formulas import Formulas, Lack
+from pumaid.exports.formulas import Bodies, Formulas, Lack, bodies
 from pumaid.results.documents import check_same_recipe
 from pumaid.robot import Robot
 
@@ -25,15 +23,11 @@ WIDTH = 108
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Subject:
-    """What is exported: the model, a name for files and functions, and masses with its weight for forms that have them.
-
-    `version` is that of pumaid that made the model.
-    """
+    """What is exported: the model, a name for files and functions, and bodies of its weight for forms with masses."""
 
     formulas: Formulas
     name: str
     bodies: Bodies | None
-    version: str
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,7 +100,7 @@ def export(
     constants = [value for value in estimate.values if value.name.startswith("torque_constant.")]
     identified = {value.joint or 0: value.value for value in constants if value.value is not None}
     chain = bodies(formulas, torque_constants or identified) if chosen.has_bodies else None
-    subject = Subject(formulas, identifier(name or robot.name), chain, estimate.version or __version__)
+    subject = Subject(formulas, identifier(name or robot.name), chain)
     files, left_out = chosen.write(subject)
     return Exported(
         form=form,
@@ -150,10 +144,10 @@ def commented(text: str) -> str:
     return line.replace('"""', "'''").replace("--", "- -").replace("--", "- -")
 
 
-def title(subject: Subject) -> str:
+def title(formulas: Formulas) -> str:
     """A line: which arm, by which program."""
     return commented(
-        f"{subject.formulas.robot.name}: motor currents of gravity and friction, by pumaid {subject.version}."
+        f"{formulas.robot.name}: motor currents of gravity and friction, by pumaid {formulas.estimate.version}."
     )
 
 
@@ -165,7 +159,7 @@ def head(subject: Subject, left_out: tuple[Lack, ...], remarks: Sequence[str] = 
     effects = ", ".join(dict.fromkeys(term.effect for term in formulas.terms)) or "nothing"
     start = "Not determined by the data, and so of the size that disturbs least:"
     lines = [
-        title(subject),
+        title(formulas),
         f"Recipe {commented(formulas.robot.origin)} (SHA-256 {digest})." if digest else "",
         "",
         f"Joints: {joints}.",

@@ -8,14 +8,7 @@ import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
 from pumaid.reporting.table import Row, Table
-from pumaid.reporting.text import (
-    count_kinds,
-    counted_runs,
-    in_unit,
-    posture_text,
-    relative_names,
-    run_time,
-)
+from pumaid.reporting.text import count_kinds, counted_runs, in_unit, posture_text, relative_names, run_time
 from pumaid.robot import Robot, roll_pitch_yaw
 from pumaid.trajectory import Plan
 from pumaid.units import number

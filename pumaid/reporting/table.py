@@ -9,7 +9,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
@@ -17,9 +17,6 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from pumaid.errors import visible
-
-if TYPE_CHECKING:
-    import jinja2
 
 #: Width of text in a pipe or file, and of notes and sentences on a terminal (characters).
 WIDTH = 100
@@ -181,8 +178,8 @@ class Table:
 
 
 @functools.cache
-def environment() -> jinja2.Environment:
-    """The templates of the report; what they are given is escaped."""
+def environment() -> Any:
+    """The templates of the report, as a `jinja2.Environment`; what they are given is escaped."""
     import jinja2
 
     return jinja2.Environment(

@@ -11,15 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pumaid.maths import Floats
 from pumaid.robot import Robot
-from pumaid.simulation.hidden_effects import (
-    ArmState,
-    Hidden,
-    JointState,
-    Kind,
-    acted,
-    sized,
-    values_of,
-)
+from pumaid.simulation.hidden_effects import ArmState, Hidden, JointState, Kind, acted, sized, values_of
 from pumaid.trajectory import QUICKEST_SLIDE, QUICKEST_TURN, accelerations, highest_speeds, span
 
 #: Break-away friction as a multiple of Coulomb friction, where nothing states it.

@@ -14,7 +14,7 @@ import report_contexts
 from ladders import experiment
 
 from pumaid.reporting.documents import parameters_as, parameters_frame
-from pumaid.reporting.page import all_contents, all_figures, page, report_files, standard
+from pumaid.reporting.page import SECTIONS, all_contents, all_figures, page, report_files
 from pumaid.results.history import ladder_of
 
 
@@ -64,7 +64,7 @@ def html(files):
 
 def words_of(context, *names: str, drawn: str = "") -> str:
     """A page of these sections whose words are looked at: of its figures only `drawn` is drawn."""
-    contents = [(section, section.content(context)) for section in standard.SECTIONS if section.name in names]
+    contents = [(section, section.content(context)) for section in SECTIONS if section.name in names]
     shown = [(section, content) for section, content in contents if content is not None]
     figures = {figure.name: figure for figure in all_figures(shown)}
     pictures = dict.fromkeys(figures, "<svg/>")

@@ -13,17 +13,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import (
-    document,
-    notes,
-    progress,
-    remark,
-    say,
-    show,
-    spare_inputs,
-    write_picture,
-    write_result,
-)
+from pumaid.cli.output import document, notes, progress, remark, say, show, spare_inputs, write_picture, write_result
 from pumaid.errors import ResultError, Where, listed, meant
 
 if TYPE_CHECKING:

@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import (
-    document,
-    notes,
-    remark,
-    show,
-    spare_inputs,
-    write_picture,
-    write_result,
-)
+from pumaid.cli.output import document, notes, remark, show, spare_inputs, write_picture, write_result
 
 if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
@@ -203,8 +195,7 @@ def compare(
     comparison = compare(estimate, dataset, robot)
     notes((*estimate.notes, *comparison.notes))
     if picture is not None and comparison.runs:
-        from pumaid.reporting.figures.model import residual_figure
-        from pumaid.reporting.page import ReportContext
+        from pumaid.reporting.figures.model import ReportContext, residual_figure
 
         context = ReportContext(robot, estimate, dataset, comparison, units)
         write_picture(picture, residual_figure(context, context.moving()))

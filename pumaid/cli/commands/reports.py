@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import (
-    document,
-    notes,
-    progress,
-    remark,
-    show,
-    spare_inputs,
-    write_picture,
-    write_result,
-)
+from pumaid.cli.output import document, notes, progress, remark, show, spare_inputs, write_picture, write_result
 from pumaid.errors import ModelError, Note, ResultError, Where, meant
 
 if TYPE_CHECKING:
@@ -201,7 +192,7 @@ def export(
       pumaid export results/model.json --format urdf --torque-constants 2=31.5
     """
     from pumaid import exports
-    from pumaid.exports.equivalent_bodies import read_constants
+    from pumaid.exports.formulas import read_constants
 
     to_pipe, forms = output is not None and str(output) == "-", exports.every_form()
     if form not in forms:

@@ -55,7 +55,7 @@ class Language:
             "name": subject.name,
             "NAME": subject.name.upper(),
             "n": robot.n_joints,
-            "title": title(subject),
+            "title": title(formulas),
             "head": head(subject, formulas.left_out),
             "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
             "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
@@ -217,7 +217,7 @@ def write_json(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
             {
                 "kind": "currents",
                 "format": 1,
-                "pumaid": subject.version,
+                "pumaid": formulas.estimate.version,
                 "robot": robot.name,
                 "recipe": {"file": robot.origin, "sha256": robot.digest},
                 "logs": formulas.estimate.logs,

@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from typing import Any
 
@@ -12,9 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pumaid.dataset import BLOCK
+from pumaid.dataset import BLOCK, Dataset
 from pumaid.diagnosis.records import Binned, Curve, Diagnosis, Finding, Unexplained
-from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, JointScore, RunScore
+from pumaid.estimate import Estimate
+from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, Comparison, JointScore, RunScore
+from pumaid.joint_bins import SAME_POSTURE
 from pumaid.reporting.figures.style import (
     AREAS,
     BACKWARD,
@@ -37,7 +40,6 @@ from pumaid.reporting.figures.style import (
     styled,
     zero_line,
 )
-from pumaid.reporting.page import ReportContext
 from pumaid.reporting.text import (
     VARIABLES,
     amperes,
@@ -52,7 +54,7 @@ from pumaid.reporting.text import (
     shortened,
 )
 from pumaid.results.history import Ladder
-from pumaid.robot import Robot
+from pumaid.robot import Robot, posture_groups
 
 #: Effect -> colour of its share; other effects take the rest of the palette in turn.
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
@@ -78,6 +80,41 @@ MINUTES, RANGE, MOST_COLUMNS, NARROW = 300.0, 1.6, 6, 3.6
 #: Title, effect, curve and label of what is drawn of a finding, or of a residual without a name (no effect).
 Column = tuple[str, str, Curve, str]
 CURRENT = "residual (A)"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ReportContext:
+    """Inputs of figures and sections; `ladder`: the models of the experiment that can be compared with this one.
+
+    `units` is ``"rad"`` or ``"deg"``, the unit of angles; `stale` are sentences on why the diagnosis may not apply to
+    this model and these logs.
+    """
+
+    robot: Robot
+    estimate: Estimate
+    dataset: Dataset
+    comparison: Comparison
+    units: str = "rad"
+    diagnosis: Diagnosis | None = None
+    stale: tuple[str, ...] = ()
+    ladder: Ladder | None = None
+
+    def moving(self) -> list[int]:
+        """Joints (from 1) that have runs."""
+        return sorted({score.run.joint for score in self.comparison.runs})
+
+    def unit(self, joint: int) -> tuple[float, str]:
+        """Factor and name of the unit in which positions of a joint (SI) are shown: ``rad``, ``deg`` or ``m``."""
+        return in_unit(self.robot.joint(joint).position_unit, self.units)
+
+    def postures(self, joint: int) -> list[list[RunScore]]:
+        """Runs of a joint by the positions of the other joints, the largest group first; blocks are one group."""
+        scores = self.comparison.of_joint(joint)
+        blocks = [score for score in scores if score.run.kind == BLOCK]
+        steady = [score for score in scores if score.run.kind != BLOCK]
+        held = np.array([score.run.posture for score in steady])
+        groups = [[steady[number] for number in group] for group in posture_groups(held, SAME_POSTURE)]
+        return sorted([*groups, blocks] if blocks else groups, key=lambda group: -len(group))
 
 
 # The model
