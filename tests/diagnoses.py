@@ -71,7 +71,7 @@ def tilt() -> Finding:
     sizes = (Size("tilt.x", 0.021, 0.004, "rad"), Size("tilt.y", -0.003, 0.004, "rad"))
     command = "pumaid identify logs/ --add tilt"
     errors = {"rmse_heldout_before": 0.020, "rmse_heldout_after": 0.0198}
-    told = "the base may be tilted"
+    told = "the error on runs left out does not fall"
     return Finding("tilt", None, {}, "doubtful", told, 0.012, **errors, sizes=sizes, command=command)
 
 
