@@ -95,10 +95,10 @@ def csv(table: pd.DataFrame, **form: object) -> str:
     return table.to_csv(index=False, **form)  # type: ignore[call-overload,no-any-return]
 
 
-def parquet(table: pd.DataFrame) -> bytes:
-    """A log as Parquet."""
+def parquet(table: pd.DataFrame, **form: object) -> bytes:
+    """A log as Parquet; `form` as of `DataFrame.to_parquet`."""
     held = io.BytesIO()
-    table.to_parquet(held, index=False)
+    table.to_parquet(held, index=False, **form)  # type: ignore[call-overload]
     return held.getvalue()
 
 

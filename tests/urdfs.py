@@ -118,3 +118,13 @@ def gravity_columns(robot: Robot, position: np.ndarray) -> np.ndarray:
         return effect.columns(robot, Samples(moving, position, np.zeros_like(position)), number=link)
 
     return np.array([np.hstack([block(moving, link) for link in numbers]) for moving in numbers])
+
+
+def span_miss(robot: Robot, position: np.ndarray, torque: np.ndarray) -> float:
+    """Largest relative error of the columns for (J, N) torques, fitted to half of the postures, on the other half."""
+    regressor, half = gravity_columns(robot, position), len(position) // 2
+    width = regressor.shape[-1]
+    fitted = np.linalg.lstsq(regressor[:, :half].reshape(-1, width), torque[:, :half].ravel(), rcond=1e-9)[0]
+    # An arm that gravity never loads has torques of rounding only: then a kilogram on a metre is the measure.
+    scale = max(np.abs(torque).max(), np.linalg.norm(robot.gravity))
+    return float(np.abs(regressor[:, half:] @ fitted - torque[:, half:]).max() / scale)

@@ -4,7 +4,7 @@ Runs come from `pumaid.simulation.Bench` (which is tested against samples elsewh
 sample, from `run_of`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +45,15 @@ def random_arm(kinds: str, rng: np.random.Generator) -> Robot:
 PENDULUM = arm("RR", [TURN, 0.0])
 CRANE = arm("RPR", [TURN, -TURN, TURN])
 STANFORD = arm("RRPRRR", [0.0, -TURN, TURN, 0.0, -TURN, TURN])
+
+#: Motor turns a joint turn of the paper's PUMA 560.
+GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
+
+
+def wrist(coupling: Mapping[tuple[int, int], float] | None = None) -> Robot:
+    """The paper's PUMA with gears that couple its wrist, by these ratios or about those of the paper."""
+    joints = tuple(replace(joint, gear_ratio=gear) for joint, gear in zip(table1.robot().joints, GEARS, strict=True))
+    return replace(table1.robot(), joints=joints, coupling=coupling or {(5, 4): 0.0139, (6, 4): 0.013, (6, 5): 0.18})
 
 
 def experiment(

@@ -1,67 +1,17 @@
-"""Any motion: the fit takes the full rigid body of an arm, gains unknown, and logs of arms at work.
-
-Ten inertial parameters a link, by pinocchio's regressor; the base parameters of each link are found by pivoting, inner
-links first, which keeps the form: row i has no column of a link before i.
-"""
+"""Any motion: the fit takes the full rigid body of an arm, gains unknown, from logs of arms at work."""
 
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from free_motion import fourier, picks, reach, recorded, true_values, waves
+from free_motion import picks, reach, recorded, true_values, waves
 
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.maths import Bilinear, Recursion, fit_bilinear, independent
 from pumaid.preprocessing.segment import segment
 from pumaid.simulation import draw
-
-#: s of simultaneous Fourier motion, cells a second, A of noise, A s/rad and A of friction.
-SECONDS, RATE, SIGMA = 60.0, 50.0, 0.02
-#: Gains whose ratios are to be found, A/(N m); the last ratios are hardly felt by this bare arm.
-GAINS = np.array([0.10, -0.085, 0.11, -0.15, 0.19, -0.17])
-
-
-def test_the_rigid_body_of_any_motion_is_the_same_call():
-    """From 60 s of all joints moving at once: friction within 2 %, ratios within 3 %, and what is left is the noise."""
-    pin, engines = pytest.importorskip("pinocchio"), pytest.importorskip("engines")
-    rng, n = np.random.default_rng(4), 6
-    q, v, a = (part.T for part in fourier(rng, n, SECONDS, RATE)[1])
-    # Masses falling outward, centres within a span of the link, inertias that go with them.
-    bodies = [
-        pin.Inertia(mass, rng.uniform(-0.1, 0.1, 3), np.diag(rng.uniform(0.5, 1.0, 3) * 0.02 * mass))
-        for mass in (4.0, 8.0, 3.0, 1.5, 1.2, 0.6)
-    ]
-    model = engines.pinocchio_model(read_recipe(shipped_recipes()["ur5e"]), bodies)
-    data, true = model.createData(), np.concatenate([body.toDynamicParameters() for body in bodies])
-    full = np.array([pin.computeJointTorqueRegressor(model, data, *row) for row in zip(q, v, a, strict=True)])
-    friction = rng.uniform(0.5, 1.0, (n, 2))
-    torque = full @ true
-    drive = np.stack([np.sign(v), v], axis=2)
-    current = GAINS * torque + np.einsum("tjk,jk->tj", drive, friction) + SIGMA * rng.normal(size=torque.shape)
-    # Base parameters: a column is kept where it adds to those of links further in.
-    stacked, kept = full.reshape(-1, 10 * n), []
-    for column in range(10 * n):
-        if independent(stacked[:, [*kept, column]], first=len(kept))[-1]:
-            kept.append(column)
-    owners = np.concatenate([np.array(kept) // 10, np.repeat(np.arange(n), 2)])
-    blocks = []
-    for row in range(n):
-        own = np.zeros((len(q), 2 * n))
-        own[:, 2 * row : 2 * row + 2] = drive[:, row]
-        blocks.append(np.hstack([np.where(owners[: len(kept)] >= row, full[:, row, kept], 0.0), own]) / SIGMA)
-    start = Recursion(owners, n)
-    for row in reversed(range(n)):
-        start.take(row, blocks[row], current[:, row] / SIGMA)
-    number = np.repeat(np.arange(n), len(q))
-    whole = Bilinear(number, np.vstack(blocks), current.T.ravel() / SIGMA, owners)
-    found = fit_bilinear(whole, start.values, start.gains)
-    assert float(np.mean(found.residual**2)) == pytest.approx(1.0, abs=0.02)
-    np.testing.assert_allclose(found.values[len(kept) :].reshape(n, 2), friction, rtol=0.02)
-    for inner in range(3):
-        assert found.gains.ratio(inner, inner + 1) == pytest.approx(GAINS[inner] / GAINS[inner + 1], rel=0.03)
 
 
 @pytest.mark.parametrize(

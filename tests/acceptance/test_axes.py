@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from menus import arm
 
-from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.robot import Robot
+from pumaid.io.recipe import shipped_recipes
 
 pin = pytest.importorskip("pinocchio", reason="the independent kinematics is pinocchio (pip install pumaid[test])")
 
@@ -46,10 +46,6 @@ UR5E = (
 )
 #: Position of the arm in the published convention = the controller's position + these (deg).
 ZERO = {"staubli_tx40": (0, -90, 90, 0, 0, 0)}
-
-
-def shipped(name: str) -> Robot:
-    return read_recipe(shipped_recipes()[name])
 
 
 def postures(n_joints: int, *, count: int = 40, seed: int = 7) -> np.ndarray:
@@ -107,7 +103,7 @@ PANDA = "panda_description/urdf/panda.urdf"
 def test_axes_are_the_published_lines(name: str, published: tuple | str, has_frames: bool) -> None:
     """Direction and place of every joint's axis agree with the vendor's published joint origins in random postures."""
     # Whole link frames agree where the vendor's have the joints' z: a published centre of mass compares with k_x, k_y.
-    robot = shipped(name)
+    robot = arm(name)
     position = postures(robot.n_joints)
     rotations, points = robot.frames(position)
     z, frames, theirs = of_model(published_model(published), position + np.deg2rad(ZERO.get(name, 0.0)))
@@ -121,7 +117,7 @@ def test_universal_robots_turn_like_their_urdf(name: str, other: str) -> None:
     """The e-series has other lengths but the axes of the older URDFs, in a base turned half about the vertical."""
     position = postures(6)
     z, _, _ = of_model(published_model(f"ur_description/urdf/{other}_robot.urdf"), position)
-    rotations = shipped(name).rotations(position)
+    rotations = arm(name).rotations(position)
     assert np.abs(rotations[..., 2] - z * np.array([-1.0, -1.0, 1.0])).max() < ROUNDED_TO_FOUR_DIGITS
 
 
@@ -171,7 +167,7 @@ BY_EYE = {
 @pytest.mark.parametrize("name", sorted(BY_EYE))
 def test_axes_are_those_seen_by_eye(name: str) -> None:
     """Every joint's line agrees with turning the arm's axes, read off a drawing at zero, about one another."""
-    robot = shipped(name)
+    robot = arm(name)
     directions, on_lines = BY_EYE[name]
     slides = [not joint.is_revolute for joint in robot.joints]
     for q in postures(robot.n_joints, count=20):

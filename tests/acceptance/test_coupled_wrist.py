@@ -5,6 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from menus import arm
+from worlds import GEARS, wrist
 
 import pumaid
 from pumaid.dataset import Dataset
@@ -12,22 +14,13 @@ from pumaid.design.information import gravity_names, predicted_errors
 from pumaid.design.plan import plan
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import minimal
 from pumaid.preprocessing.replicates import match_with_plan
 from pumaid.preprocessing.segment import segment
-from pumaid.robot import Robot
 from pumaid.simulation import Bench, draw, simulate, table1
 from pumaid.trajectory import Plan
 
-GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
-WRIST = replace(
-    table1.robot(),
-    joints=tuple(replace(joint, gear_ratio=gear) for joint, gear in zip(table1.robot().joints, GEARS, strict=True)),
-    coupling={(5, 4): 0.0139, (6, 4): 0.013, (6, 5): 0.18},
-)
-
-
+WRIST = wrist()
 #: An arm with hands' weight in its wrist, and what its gears pass on as effects.
 TRUTH = draw(WRIST, 3)
 PASSED = (pumaid.EffectChoice("coupling", 6, {"on": 5.0}), pumaid.EffectChoice("coupling", 5, {"on": 4.0}))
@@ -86,7 +79,7 @@ def test_loads_that_gears_pass_on_are_told():
 
 def test_on_parallel_axes_the_ratio_is_off_as_the_note_says():
     """Gears between two parallel axes: the ratio that is found is the motors' times one less the share."""
-    plain = pumaid.read_recipe(shipped_recipes()["ur5e"])
+    plain = arm("ur5e")
     geared = tuple(
         replace(joint, gear_ratio=gear) for joint, gear in zip(plain.joints, (80, 100, -90, 70, 70, 60), strict=True)
     )
@@ -101,11 +94,6 @@ def test_on_parallel_axes_the_ratio_is_off_as_the_note_says():
 
 
 pytestmark = pytest.mark.slow
-
-
-def arm(name: str) -> Robot:
-    """A shipped recipe."""
-    return read_recipe(shipped_recipes()[name])
 
 
 #: Robots that no tuning saw.

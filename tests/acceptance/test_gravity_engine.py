@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from paper_recursion import gravity_current
-from urdfs import gravity_columns
+from urdfs import span_miss
 from worlds import random_arm
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
@@ -18,8 +18,6 @@ engines = pytest.importorskip("engines")
 
 #: Relative to the largest torque (N m or N): what sums of a dozen products lose in double precision, times 1e3.
 EXACT = 1e-9
-#: Singular values below this share of gravity are zero; random geometry leaves a gap from 1e-2 to 1e-13.
-RANK = 1e-9
 STRINGS = ["".join(kinds) for n in range(1, 6) for kinds in product("RP", repeat=n)]
 
 
@@ -42,12 +40,7 @@ def postures(robot: Robot, rng: np.random.Generator, *, count: int = 80) -> np.n
 def miss(robot: Robot, rng: np.random.Generator) -> float:
     """Largest relative error of the columns for the engine's torques, on postures that were not fitted."""
     position = postures(robot, rng)
-    regressor, torque = gravity_columns(robot, position), holding(robot, random_links(robot, rng), position).T
-    half, width = len(position) // 2, regressor.shape[-1]
-    fitted = np.linalg.lstsq(regressor[:, :half].reshape(-1, width), torque[:, :half].ravel(), rcond=RANK)[0]
-    # An arm that gravity never loads has torques of rounding only: then a kilogram on a metre is the measure.
-    scale = max(np.abs(torque).max(), np.linalg.norm(robot.gravity))
-    return float(np.abs(regressor[:, half:] @ fitted - torque[:, half:]).max() / scale)
+    return span_miss(robot, position, holding(robot, random_links(robot, rng), position).T)
 
 
 def some_arm(kinds: str, rng: np.random.Generator, *, special: bool) -> Robot:

@@ -1,14 +1,13 @@
 """The command line as a user meets it: help, exit codes, pipes, start-up, and documents for other programs."""
 
 import hashlib
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from command import answer, run
+from command import answer, run, shell
 
 import pumaid
 from pumaid.cli import ORDER_OF_WORK, group, output
@@ -16,15 +15,6 @@ from pumaid.cli.output import progress
 from pumaid.errors import Note, Where
 
 COMMANDS = group.list_commands(None)
-
-
-def shell(script: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a line as a user's shell does."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    line = ["bash", "-c", script]
-    return subprocess.run(
-        line, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
-    )
 
 
 def raising(error: BaseException):

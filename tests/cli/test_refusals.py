@@ -41,6 +41,7 @@ BAD_INPUT = {
     "plan --format urscript -o p.script": "program-other-robot",
     "plan": "--force",
     "simulate --plan none.yaml": "none.yaml",
+    "simulate --truth recipe.yaml -o new": "file-not-readable",
     "simulate --hide stribeck@2:a=1e308 -o new": "hide-wrong",
     "simulate --truth table1 -o new": "is it the truth of another robot?",
 }
@@ -105,46 +106,3 @@ def test_is_refused_in_words(fitted, monkeypatch, line, code, said):
     words = "\n".join(line.strip("│ ") for line in done.stderr.splitlines())
     assert said in done.stderr or said in " ".join(words.split())
     assert sorted(fitted.rglob("*")) == before
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"kind": "model"}', '{"kind": "truth", "format": 1}'])
-def test_what_is_no_truth_is_refused(arm, text):
-    """Nothing, a list, a model, a document without entries."""
-    (arm / "truth.json").write_text(text)
-    assert "error[" in run("simulate", "--truth", "truth.json", "-o", "new", code=3).stderr
-    assert not (arm / "new").exists()
-
-
-@pytest.mark.parametrize(
-    ("entry", "slug", "hint"),
-    [
-        ("- {effect: sprig, joint: knee}", "unknown-effect", "did you mean spring?"),
-        ("- {effect: stribeck, joint: 2, shape: {velocty: 1}}", "effect-shape", "did you mean velocity?"),
-        ("- {effect: stribeck, joint: kne}", "recipe-wrong", "did you mean knee?"),
-        ("- {effect: stribeck, jiont: 2}", "recipe-wrong", "did you mean joint?"),
-        ("- {effect: ripple, shape: {frequency: -3}}", "effect-shape", "write a number from"),
-    ],
-)
-def test_wrong_effects_of_a_recipe_are_told_with_their_line(folder, entry, slug, hint):
-    """File, line, entry and the nearest right word, before any log is read."""
-    recipe = folder / "recipe.yaml"
-    text = recipe.read_text(encoding="utf-8")
-    recipe.write_text(f"{text}\neffects:\n  {entry}\n", encoding="utf-8")
-    (folder / "logs.csv").write_text("t\n")
-    told = run("identify", "logs.csv", code=3).stderr
-    words = (f"error[{slug}]", hint, "recipe.yaml", f"line {len(text.splitlines()) + 3}", "effects[1]")
-    assert [word for word in words if word not in told] == []
-
-
-def test_an_edited_plan_with_wrong_numbers_gets_one_message(arm):
-    """One held position too many: one refusal with the line."""
-    path = arm / "plan.yaml"
-    path.write_text(path.read_text(encoding="utf-8").replace("hold: [", "hold: [900, ", 1), encoding="utf-8")
-    told = run("plan", "--check", "plan.yaml", code=3).stderr
-    assert told.count("error[") == 1 and "error[plan-wrong]" in told and "line" in told
-
-
-def test_a_changed_recipe_is_another(arm):
-    """A recipe that was changed after the model was made is refused."""
-    (arm / "recipe.yaml").write_text((arm / "recipe.yaml").read_text(encoding="utf-8") + "\n# changed\n")
-    assert "error[model-other-recipe]" in run("compare", MODEL, "logs", code=3).stderr

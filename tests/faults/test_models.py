@@ -1,6 +1,5 @@
 """Model files that are damaged, foreign or malicious: refused in one message, never run, never half believed."""
 
-import json
 import shutil
 
 import pytest
@@ -19,27 +18,14 @@ NONE = {
     "another kind": b'{"kind": "comparison", "format": 1}',
     "another format": b'{"kind": "model", "format": 99, "pumaid": "9"}',
 }
-#: Entry -> its value in an edited model; None takes it away.
-EDITED = {
-    "robot": None,
-    "joints": [],
-    "logs": 7,
-    "effects": [{"effect": "warp", "joint": 1, "shape": {}}],
-    "prediction": {},
-    "method": "guess",
-    "recipe": {"file": "recipe.yaml", "sha256": "ab" * 32},
-}
 
 
-@pytest.mark.parametrize("what", [*NONE, "half", *EDITED])
+@pytest.mark.parametrize("what", [*NONE, "half", "a word changed"])
 def test_a_faulty_model_is_refused(arm, what):
     """Exit code 3, a message with a mend, nothing on standard output, nothing changed."""
     path = arm / "results" / "model.json"
     data = path.read_bytes()
-    if what in EDITED:
-        document = json.loads(data) | {what: EDITED[what]}
-        data = json.dumps({key: entry for key, entry in document.items() if entry is not None}).encode()
-    path.write_bytes(NONE.get(what, data[: len(data) // 2] if what == "half" else data))
+    path.write_bytes(NONE.get(what, data[: len(data) // 2] if what == "half" else data.replace(b"joint", b"recursive")))
     before = contents(arm)
     found = invoke("compare", str(path), str(arm / "logs"), "--json")
     assert (found.exit_code, unclear(found.stderr), found.stdout) == (3, [], "")

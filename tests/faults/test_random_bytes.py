@@ -1,13 +1,11 @@
 """One fault in a good experiment, bytes at random, streams that are closed or full: refused, flagged or as good."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from faulty import COLUMNS, RECIPE, contents, csv, good, invoke, outcome, slugs_of
+from command import shell
+from faulty import COLUMNS, RECIPE, contents, csv, good, invoke, outcome, parquet, slugs_of
 from faulty_logs import all_logs
 from faulty_recipes import all_recipes
 from hypothesis import HealthCheck, given, settings
@@ -62,24 +60,12 @@ def test_edits_of_a_csv_log(arm, edits):
 @given(st.lists(st.tuples(st.floats(0.0, 0.9999), st.integers(1, 255)), min_size=1, max_size=4))
 def test_flipped_bits_of_a_parquet_log(arm, flips):
     """Bits of a Parquet log flipped, anywhere; the file carries checksums of its pages."""
-    data = bytearray(sealed())
+    data = bytearray(parquet(good()[0], write_page_checksum=True))
     for share, mask in flips:
         data[int(share * len(data))] ^= mask
     (arm / "logs" / "log_1.csv").unlink(missing_ok=True)
     (arm / "logs" / "log_1.parquet").touch()
     assert judged(arm, "logs/log_1.parquet", bytes(data)) in FINE
-
-
-def sealed() -> bytes:
-    """The first log as Parquet with checksums, as pumaid writes it."""
-    import io
-
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    held = io.BytesIO()
-    pq.write_table(pa.Table.from_pandas(good()[0]), held, write_page_checksum=True)
-    return held.getvalue()
 
 
 @settings(SEEDED, max_examples=10)
@@ -117,18 +103,11 @@ def test_a_fault_is_never_silent(arm, fault):
 pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
 
 
-def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a line in a folder; ``$P`` is the program."""
-    more = {"P": f"{sys.executable} -m pumaid", "PYTHONPATH": str(Path(__file__).parents[2])}
-    line = ["bash", "-c", script]
-    return subprocess.run(line, cwd=folder, env=os.environ | more, capture_output=True, text=True, check=False)
-
-
 @pytest.mark.parametrize("streams", [">&-", "2>&-", "2>/dev/full", ">&- 2>&- <&-"])
 @pytest.mark.parametrize("words", ["identify logs", "report results/model.json --table csv -o -"])
 def test_what_nobody_hears_is_done_all_the_same(arm, words, streams):
     """Closed outputs, and a full one for remarks, are as if they led nowhere."""
-    done = shell(f"$P {words} {streams}", arm)
+    done = shell(f"pumaid {words} {streams}", arm)
     assert done.returncode == 0 and "Traceback" not in done.stderr
     assert json.loads((arm / "results" / "model.json").read_text())["kind"] == "model"
 
@@ -139,13 +118,13 @@ def test_what_nobody_hears_is_done_all_the_same(arm, words, streams):
 )
 def test_a_closed_input_is_told(arm, words):
     """It is empty, which one message tells."""
-    done = shell(f"$P {words} <&-", arm)
+    done = shell(f"pumaid {words} <&-", arm)
     assert done.returncode == 3 and done.stderr.count("error[") == 1 and "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("words", ["--help", "--version", "plan --help", "segment logs --csv"])
 def test_a_full_output_is_one_message(arm, words):
     """Help and version are told as results are."""
-    done = shell(f"$P {words} >/dev/full", arm)
+    done = shell(f"pumaid {words} >/dev/full", arm)
     assert done.returncode == 3 and done.stderr.count("error[file-not-readable]") == 1
     assert "Exception" not in done.stderr and "Traceback" not in done.stderr

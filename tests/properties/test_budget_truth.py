@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 import worlds
+from searches import design
 
 from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.evaluate import Budget
 from pumaid.simulation import Bench, Hidden, Truth, table1
-from pumaid.trajectory import Motion, Plan
 
 #: Seeds of these experiments; development used others.
 SEEDS = 8_000
@@ -43,21 +43,6 @@ def hiding(effect: str, *, size: float, **values: float) -> Truth:
     return replace(bare, hidden=(Hidden(effect, JOINT, kept),))
 
 
-def plan(seed: int) -> Plan:
-    """Joint 3 in four postures at four speeds, both ways, all of it twice, each time in another order."""
-    rng, motions = np.random.default_rng(seed), []
-    holds = [tuple(rng.uniform(-2.0, 2.0, 6)) for _ in range(4)]
-    for _ in range(2):
-        once = [
-            Motion(JOINT, hold, -2.0 * way, 2.0 * way, speed)
-            for hold in holds
-            for speed in (0.2, 0.4, 0.8, 1.2)
-            for way in (1, -1)
-        ]
-        motions += [once[k] for k in rng.permutation(len(once))]
-    return Plan("PUMA 560", tuple(motions))
-
-
 def judged(bench: Bench, seed: int) -> list[Budget]:
     """The budgets of a model fitted to one experiment."""
     runs = bench.runs(np.random.default_rng(seed))
@@ -67,11 +52,15 @@ def judged(bench: Bench, seed: int) -> list[Budget]:
     return [score.budget for score in comparison.joints if score.budget is not None]
 
 
+#: Joint 3 in four postures at four speeds, both ways, all of it twice, each time in another order.
+PLAN = design(table1.robot(), [JOINT], postures=4, speeds=(0.2, 0.4, 0.8, 1.2), reach=2.0, seed=SEEDS)
+
+
 @cache
 def told(effect: str, size: float) -> Budget:
     """The budget of joint 3 with an effect hidden in it."""
     truth = hiding(effect, size=size, **TRACES[effect][0])
-    return judged(Bench(truth, plan(SEEDS), rate=50.0, bins=120), SEEDS)[0]
+    return judged(Bench(truth, PLAN, rate=50.0, bins=120), SEEDS)[0]
 
 
 @pytest.mark.parametrize("effect", TRACES)
@@ -90,8 +79,8 @@ def test_noise_is_what_the_same_noise_leaves_without_the_effect(effect):
     # So all other parts hold what the effect adds to the residual: to a third of it, or to a tenth of the whole, which
     # is what 32 levels of repeated runs allow. Repeats of a run differ, too, where friction changes between them.
     truth, found = hiding(effect, size=0.6, **TRACES[effect][0]), told(effect, 0.6)
-    alone = judged(Bench(replace(truth, hidden=()), plan(SEEDS), rate=50.0, bins=120), SEEDS)[0].mean_square
-    added = judged(Bench(truth.with_noise(0.0), plan(SEEDS), rate=50.0, bins=120), SEEDS)[0].mean_square
+    alone = judged(Bench(replace(truth, hidden=()), PLAN, rate=50.0, bins=120), SEEDS)[0].mean_square
+    added = judged(Bench(truth.with_noise(0.0), PLAN, rate=50.0, bins=120), SEEDS)[0].mean_square
     assert abs(found.noise - alone) < max(0.35 * added, 0.1 * found.mean_square)
 
 
@@ -99,8 +88,8 @@ def test_noise_is_what_the_same_noise_leaves_without_the_effect(effect):
 def test_noise_is_left_alone():
     """On 40 noise-only experiments of a two-joint arm at most 8 % of joints are told more than noise (nominal 5 %)."""
     truth = worlds.drawn(worlds.PENDULUM)
-    design = worlds.experiment(worlds.PENDULUM, postures=3, speeds=(0.2, 0.4, 0.8), repeats=2)
-    bench, flagged, smallest = Bench(truth, design, rate=50.0), 0, []
+    plan = worlds.experiment(worlds.PENDULUM, postures=3, speeds=(0.2, 0.4, 0.8), repeats=2)
+    bench, flagged, smallest = Bench(truth, plan, rate=50.0), 0, []
     for seed in range(SEEDS, SEEDS + 40):
         for found in judged(bench, seed):
             flagged += any(part.is_more for part in found.parts)

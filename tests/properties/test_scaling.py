@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faulty import COLUMNS, RECIPE, csv, fitted, good, intervals, invoke, parquet
+from faulty_logs import named, plus, times_by
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -36,62 +37,56 @@ def model(folder: Path, tables, *, recipe: str = RECIPE, names=("a.csv", "b.csv"
     return json.loads(found.stdout)
 
 
-def assert_scaled(found: dict, *, factor: float = 1.0, share: float = ROUNDING, without: str = "none") -> None:
-    """Parameters, but for ratios, are `factor` times those of the good logs, to a share of their errors."""
+def assert_same(found: dict, *, share: float = ROUNDING, without: str = "none") -> None:
+    """Parameters are those of the good logs, to a share of their errors."""
     # Names that start with `without` are not compared.
     new, old = intervals(found), intervals(fitted())
     assert new.keys() == old.keys()
     for name, (value, low, high) in old.items():
         if name.startswith(without):
             continue
-        times = 1.0 if name.startswith("gain_ratio") else factor
-        error = share * times * (high - low) / 4
-        assert new[name] == pytest.approx((times * value, times * low, times * high), abs=error), name
+        assert new[name] == pytest.approx((value, low, high), abs=share * (high - low) / 4), name
 
 
-def test_currents_beyond_any_recorder_are_refused(tmp_path):
-    """A million times as large they are beyond 1e6 A, and taken for garbage of the recorder."""
-    (tmp_path / "recipe.yaml").write_text(RECIPE, encoding="utf-8")
-    (tmp_path / "a.csv").write_text(csv(good()[0].assign(i1=1e6 * good()[0].i1)), encoding="utf-8")
-    found = invoke("identify", str(tmp_path / "a.csv"))
-    assert found.exit_code == 3 and "bad-samples" in found.stderr
-
-
-UNITS = {
-    "current: mA": {"i1": 1e3, "i2": 1e3},
-    "time: ms": {"t": 1e3},
-    "time: us": {"t": 1e6},
-    "position: deg, velocity: deg/s": {"q1": DEG, "q2": DEG, "qd1": DEG, "qd2": DEG},
-    "position: deg, velocity: rad/s": {"q1": DEG, "q2": DEG},
-}
-
-
-def _signs(names: str) -> dict[str, float]:
-    return dict.fromkeys(names.split(), -1.0)
-
-
-#: What a recipe's log block says, and by what each column is multiplied.
+NAMES = {"1": "Schulter ä", "2": "<b>k</b>"}
+OTHER = RECIPE.replace("name: hip", f"name: {NAMES['1']}").replace("name: knee", f"name: {NAMES['2']}")
+#: What a recipe's log block says, and what becomes of its logs; joints have other names, too.
 SAME = {
-    **{f"units: {{{units}}}": factors for units, factors in UNITS.items()},
-    "signs: {current: [-1, -1]}": _signs("i1 i2"),
-    "signs: {position: [-1, -1]}": _signs("q1 q2 qd1 qd2"),
+    "units: {current: mA}": times_by(i1=1e3, i2=1e3),
+    "units: {time: ms}": times_by(t=1e3),
+    "units: {time: us}": times_by(t=1e6),
+    "units: {position: deg, velocity: deg/s}": times_by(q1=DEG, q2=DEG, qd1=DEG, qd2=DEG),
+    "units: {position: deg, velocity: rad/s}": times_by(q1=DEG, q2=DEG),
+    "signs: {current: [-1, -1]}": times_by(i1=-1.0, i2=-1.0),
+    "signs: {position: [-1, -1]}": times_by(q1=-1.0, q2=-1.0, qd1=-1.0, qd2=-1.0),
+    'position: "p {name}", velocity: "v {name}", current: "i {name}"': named(
+        {
+            f"{word}{k}": f"{word.replace('q', 'p').replace('pd', 'v')} {NAMES[k]}"
+            for word in ("q", "qd", "i")
+            for k in "12"
+        }
+    ),
+    # Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other
+    # one, and one at the end of a run in or out of it, which at 40 Hz is a share of its standard error.
+    "time: t": plus(t=lambda table: table.t + 1.7e9),
 }
 
 
 @pytest.mark.parametrize("words", SAME)
-def test_units_and_signs_change_nothing(tmp_path, words):
-    """The same logs in other units, or with columns that count the other way, said in the recipe, are the same logs."""
-    tables = [table.assign(**{name: f * table[name] for name, f in SAME[words].items()}) for table in good()]
-    found = model(tmp_path / "arm", tables, recipe=f"{RECIPE}log: {{{words}}}\n")
-    assert_scaled(found, share=EDGE if "time" in words else ROUNDING)
+def test_units_signs_names_and_the_clocks_origin_change_nothing(tmp_path, words):
+    """The same logs in other units, with columns that count the other way or have other names, or since 1970."""
+    found = model(tmp_path / "arm", map(SAME[words], good()), recipe=f"{OTHER}log: {{{words}}}\n")
+    assert_same(found, share=EDGE if "time" in words else ROUNDING)
 
 
-def test_order_of_files_changes_nothing(tmp_path):
-    """Logs may be named in any order; where times do not follow, each has a clock of its own."""
-    found = model(tmp_path / "arm", good(), order=("b.csv", "a.csv"))
-    assert_scaled(found)
+def test_order_form_and_precision_change_nothing(tmp_path):
+    """Files and columns in any order, Parquet beside CSV, all but the time in single precision."""
+    rng = np.random.default_rng(3)
+    tables = [table[list(rng.permutation(COLUMNS))].astype(dict.fromkeys(COLUMNS[1:], "float32")) for table in good()]
+    found = model(tmp_path / "arm", tables, names=("a.parquet", "b.csv"), order=("b.csv", "a.parquet"))
+    assert_same(found)
     for new, old in zip(found["joints"], fitted()["joints"], strict=True):
-        assert [new[key] for key in FLOORS] == pytest.approx([old[key] for key in FLOORS], rel=1e-6)
+        assert [new[key] for key in FLOORS] == pytest.approx([old[key] for key in FLOORS], rel=1e-4)
 
 
 @FEW
@@ -103,32 +98,8 @@ def test_where_files_are_cut_changes_nothing(tmp_path, cuts):
     first, second = good()
     edges = [0, *sorted(cuts), len(first)]
     parts = [first[a:b] for a, b in pairwise(edges)]
-    assert_scaled(
+    assert_same(
         model(tmp_path / "arm", [*parts, second], names=[f"{k}.csv" for k in range(len(parts) + 1)]),
         share=1.0,
         without="inertia",
     )
-
-
-def test_form_and_precision_change_nothing(tmp_path):
-    """Columns in another order; Parquet beside CSV; all but the time in single precision."""
-    rng = np.random.default_rng(3)
-    tables = [table[list(rng.permutation(COLUMNS))].astype(dict.fromkeys(COLUMNS[1:], "float32")) for table in good()]
-    assert_scaled(model(tmp_path / "arm", tables, names=("a.parquet", "b.csv")))
-
-
-def test_names_of_joints_change_nothing(tmp_path):
-    """Joints of other names, and columns named by them."""
-    recipe = RECIPE.replace("name: hip", "name: Schulter ä").replace("name: knee", "name: <b>k</b>")
-    recipe += 'log: {position: "p {name}", velocity: "v {name}", current: "c {name}"}\n'
-    names = {"1": "Schulter ä", "2": "<b>k</b>"}
-    words = {"q": "p", "qd": "v", "i": "c"}
-    tables = [table.rename(columns=lambda c: c if c == "t" else f"{words[c[:-1]]} {names[c[-1]]}") for table in good()]
-    assert_scaled(model(tmp_path / "arm", tables, recipe=recipe))
-
-
-def test_time_of_any_origin_changes_nothing(tmp_path):
-    """Seconds since 1970 are as good as seconds since the start."""
-    # Such times have digits to a quarter microsecond only: a sample between two ticks of 20 ms may fall to the other
-    # one, and one at the end of a run in or out of it, which at 40 Hz is a share of its standard error.
-    assert_scaled(model(tmp_path / "arm", [table.assign(t=table.t + 1.7e9) for table in good()]), share=0.5)

@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import worlds
 from scipy import stats
 from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, with_current
 
@@ -18,10 +17,10 @@ from pumaid.diagnosis.records import ADD, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis
 from pumaid.diagnosis.score_test import replicate_test
 from pumaid.diagnosis.stepwise import Stepwise, evidence
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import Samples, catalogue
+from pumaid.effects import catalogue
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.estimation.noise import noise_of
-from pumaid.joint_bins import JointBins
+from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.simulation import Hidden
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
@@ -277,50 +276,32 @@ def test_a_ripples_two_sizes_are_told_apart():
     assert [one.name for one in told] == ["cos", "sin"]
 
 
-def falling(velocity: float) -> EffectTerm:
-    """s a exp(-v / velocity)."""
-    return EffectTerm(catalogue()["stribeck"], 2, {"velocity": velocity, "exponent": 1.0})
-
-
-SPEEDS = (0.1, 0.3, 0.6, 1.0)
-
-
-def bins(seed: int = 0, *, bins: int = 40, repeats: int = 2) -> Samples:
-    """Joint 2 of the pendulum at four speeds, both ways, each run twice."""
-    rng, runs = np.random.default_rng(seed), []
-    for number, (speed, way) in enumerate([(v, s) for v in SPEEDS for s in (1, -1)] * repeats):
-        ones = np.ones(bins)
-        q = np.linspace(-1.5, 1.5, bins) * way + rng.uniform(-0.01, 0.01)
-        runs.append((q, way * speed * ones * (1 + 1e-3 * rng.normal(size=bins)), way * ones, number * ones))
-    q, v, way, run = (np.concatenate(part) for part in zip(*runs, strict=True))
-    zeros = np.zeros_like(q)
-    travel = np.tile(np.linspace(0.0, 3.0, bins), 2 * len(SPEEDS) * repeats)
-    position, velocity = np.column_stack([zeros, q]), np.column_stack([zeros, v])
-    more = {"direction": way, "time": run * 5.0, "travel": travel, "temperature": zeros * np.nan, "run": run}
-    return Samples(2, position, velocity, acceleration=zeros, **more)
-
-
 def test_bins_are_means_over_runs():
     """Means and standard errors of each speed are those of the runs' own means."""
-    samples = bins()
+    samples, falling = (
+        lever().bins()[0].samples,
+        EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.2, "exponent": 1.0}),
+    )
     before, after = np.random.default_rng(1).normal(size=(2, len(samples)))
-    found = curve(worlds.PENDULUM, samples, before=before, trials=[(falling(0.2), after)])
-    runs = [n for n in np.unique(samples.run) if samples.direction[samples.run == n][0] < 0]
-    slow = [n for n in runs if abs(samples.velocity[samples.run == n, 1].mean()) < 0.2]
-    means = [after[samples.run == n].mean() for n in slow]
-    back = found.sides[1]
-    assert back.direction == -1 and len(back.centres) == len(SPEEDS) and back.runs.tolist() == [2.0] * 4
+    found = curve(LEVER, samples, before=before, trials=[(falling, after)])
+    back, speeds = found.sides[1], np.abs(samples.velocity[:, 0])
+    slow = np.unique(samples.run[(samples.direction < 0) & (speeds < 1.2 * speeds.min())])
+    means = [after[samples.run == number].mean() for number in slow]
+    assert back.direction == -1 and back.runs.tolist() == [4.0] * 4 == [float(len(slow))] * len(back.centres)
     assert back.after[0] == pytest.approx(np.mean(means), rel=1e-12)
-    assert back.errors[0] == pytest.approx(np.std(means, ddof=1) / np.sqrt(2), rel=1e-12)
+    assert back.errors[0] == pytest.approx(np.std(means, ddof=1) / 2.0, rel=1e-12)
 
 
 def test_a_ripple_is_folded_on_its_period():
     """Over one period the bins show the wave that many periods hide."""
-    samples, effect = bins(bins=400), EffectTerm(catalogue()["ripple"], 2, {"frequency": 40.0})
-    wave = 0.05 * np.cos(40.0 * samples.position[:, 1])
-    found = curve(worlds.PENDULUM, samples, before=wave, trials=[(effect, 0.0 * wave)])
-    side = found.sides[0]
+    samples = joint_bins(LEVER, Lab.of(LEVER, design(LEVER), bins=400).runs, most=400)[0].samples
+    wave, effect = (
+        0.05 * np.cos(40.0 * samples.position[:, 0]),
+        EffectTerm(catalogue()["ripple"], 1, {"frequency": 40.0}),
+    )
+    found = curve(LEVER, samples, before=wave, trials=[(effect, 0.0 * wave)])
     assert found.period == pytest.approx(2 * np.pi / 40.0)
+    side = found.sides[0]
     assert side.before == pytest.approx(0.05 * np.cos(40.0 * side.centres), abs=2e-3)  # a bin is 1/32 of a period
 
 

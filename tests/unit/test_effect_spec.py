@@ -86,15 +86,21 @@ def test_remove_takes_out_what_the_recipe_switches_on():
     assert told.slug == "effect-not-there" and "stribeck@3, spring@2, spring@3" in str(told)
 
 
-def test_an_effect_of_the_recipe_that_nobody_knows_is_told_with_its_place():
+@pytest.mark.parametrize(
+    ("wrong", "slug", "hint"),
+    [
+        (EffectChoice("striebeck", 2), "unknown-effect", "did you mean stribeck?"),
+        (EffectChoice("stribeck", 2, {"velocty": 1.0}), "effect-shape", "did you mean velocity?"),
+        (EffectChoice("ripple", None, {"frequency": -3.0}), "effect-shape", "write a number from"),
+    ],
+)
+def test_a_wrong_effect_of_the_recipe_is_told_with_its_place(wrong, slug, hint):
     """The recipe's file, line and entry stand in the message, and the nearest name."""
-    choices = (EffectChoice("spring", 1), EffectChoice("striebeck", 2))
-    robot = replace(PENDULUM, effects=choices, origin="recipe.yaml", effect_lines=(8, 9))
+    robot = replace(PENDULUM, effects=(EffectChoice("spring", 1), wrong), origin="recipe.yaml", effect_lines=(8, 9))
     with pytest.raises(ModelError) as told:
         expanded(robot.effects, robot)
-    assert told.value.slug == "unknown-effect"
+    assert told.value.slug == slug and hint in str(told.value)
     assert (told.value.where.file, told.value.where.line, told.value.where.field) == ("recipe.yaml", 9, "effects[2]")
-    assert "did you mean stribeck?" in str(told.value)
 
 
 #: Twice the same effect at one joint, one of the whole arm, one with shapes that are fitted.

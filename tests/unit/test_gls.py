@@ -216,25 +216,6 @@ def solved(owners, blocks, *, values, gains) -> Recursion:
     return found
 
 
-def test_discrete_system_of_the_paper():
-    """The 2 x 2 system of the paper's Section V is identified from its simulated states and inputs."""
-    a, b = np.array([0.7, -0.3, 1.6, 0.9]), np.array([2.0, -0.5])
-    u, x, y = RNG.normal(size=(200, 2)), np.zeros(200), np.zeros(200)
-    for k in range(1, 200):
-        x[k] = (b[1] * u[k, 1] - a[3] * x[k - 1]) / a[2]
-        y[k] = (b[0] * u[k, 0] - a[0] * x[k] - a[1] * x[k - 1] - a[3] * y[k - 1]) / a[2]
-    now, before = slice(1, None), slice(None, -1)
-    nothing = np.zeros(199)
-    first = np.column_stack([x[now], x[before], y[now], y[before]])
-    second = np.column_stack([nothing, nothing, x[now], x[before]])
-    found = Recursion(np.array([0, 0, 1, 1]), 2)
-    found.take(1, second, u[now, 1])
-    found.take(0, first, u[now, 0])
-    # w*_j = eta_j w_j with eta_i = 1 / b_i.
-    assert found.values == pytest.approx([a[0] / b[0], a[1] / b[0], a[2] / b[1], a[3] / b[1]], rel=1e-10)
-    assert found.gains.ratio(0, 1) == pytest.approx(b[1] / b[0], rel=1e-10)
-
-
 def test_a_load_that_looks_like_the_rows_own_is_named():
     """A nu that lies in the span of own columns leaves the ratio open and marks the columns that absorb it."""
     own, other = RNG.normal(size=(20, 1)), RNG.normal(size=(20, 1))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from worlds import wrist
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
@@ -15,8 +16,6 @@ from pumaid.trajectory import Motion, Plan, trapezoids
 RATE = 250.0
 #: Arm -> where its joints are held; the Stanford arm's third slides.
 HOLDS = {"puma560": (0.2, -0.7, 0.5, 0.3, 0.6, 0.1), "stanford": (0.2, -0.7, 0.6, 0.3, 0.6, 0.1)}
-GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
-RATIOS = {(5, 4): 0.0139, (6, 4): 0.013, (6, 5): 0.18}
 
 
 @pytest.mark.parametrize("name", HOLDS)
@@ -100,16 +99,9 @@ def test_links_push_each_other():
     assert arm.velocity == pytest.approx(0.005 * np.linalg.solve(arm.inertia(place), torque), rel=0.02, abs=1e-4)
 
 
-def wrist(ratios: dict[tuple[int, int], float]) -> Robot:
-    """The PUMA with these ratios of its motors."""
-    bare = table1.robot()
-    joints = tuple(replace(joint, gear_ratio=gear) for joint, gear in zip(bare.joints, GEARS, strict=True))
-    return replace(bare, joints=joints, coupling=ratios)
-
-
 def test_joint_4_turns_the_motors_behind_it():
     """While joint 4 moves alone, motors 5 and 6 draw their friction, as those of joint 4 alone would not."""
-    truth = draw(wrist(RATIOS), 3)
+    truth = draw(wrist(), 3)
     velocity, still = np.zeros((2, 6)), np.zeros((2, 6))
     velocity[:, 3] = 0.8
     at = ArmState(np.zeros(2), np.zeros(6), still, velocity, still, still, still)
@@ -121,7 +113,7 @@ def test_joint_4_turns_the_motors_behind_it():
 
 def test_coupled_motors_hold_the_arm_with_what_they_carry():
     """With gravity's currents of the coupled motors, and no friction to help, the arm stays where it is."""
-    truth = frictionless(draw(wrist(RATIOS), 3))
+    truth = frictionless(draw(wrist(), 3))
     arm = RigidArm(truth, step=0.001)
     posture = np.array([0.0, -1.0, 0.5, 0.3, 0.7, 0.2])
     arm.place(posture)

@@ -4,11 +4,11 @@ import re
 from collections import Counter
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from menus import arm
+from searches import design
 
 from pumaid.cli.commands.experiments import ATTENTION
 from pumaid.design.candidate_runs import top_speed
@@ -33,7 +33,6 @@ from pumaid.errors import Faults, ModelError
 from pumaid.estimation.fit import Projector, loaded
 from pumaid.estimation.gls import fit_with_replicates, refit
 from pumaid.io.plan_file import plan_text, read_plan
-from pumaid.io.recipe import read_recipe
 from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model, minimal
 from pumaid.robot import Box, EffectChoice, Joint, Robot, Safety, Sphere
@@ -380,7 +379,7 @@ def test_wrong_effects_are_refused(wanted, rival, slug, words):
     assert words in str(caught.value)
 
 
-PUMA = read_recipe(Path(__file__).parents[2] / "recipes" / "puma560.yaml")
+PUMA = arm("puma560")
 JOINT, SPEEDS = 3, (0.15, 0.35, 0.6, 0.9)
 STRIBECK = Hidden("stribeck", JOINT, {"a": 0.3, "velocity": 0.15, "exponent": 1.0})
 WARM = Hidden("warmup", JOINT, {"a": 0.3, "time_constant": 100.0})
@@ -391,13 +390,9 @@ SHAPES = {
 }
 
 
-def campaign(seed: int, *, speeds=SPEEDS, reach: float = 1.5, postures: int = 3) -> list[Motion]:
+def campaign(seed: int) -> list[Motion]:
     """Joint 3 both ways at some speeds in random postures, all twice, in random order."""
-    rng, once = np.random.default_rng(seed), []
-    for _ in range(postures):
-        hold = tuple(np.round(rng.uniform(-1.2, 1.2, 6), 2).tolist())
-        once += [Motion(JOINT, hold, -s * reach, s * reach, v) for v in speeds for s in (1.0, -1.0)]
-    return [once[k] for _ in range(2) for k in rng.permutation(len(once))]
+    return list(design(PUMA, [JOINT], postures=3, speeds=SPEEDS, reach=1.5, seed=seed).motions)
 
 
 def runs_of(hidden: Hidden, motions, seed: int, *, is_quiet: bool = False):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from menus import arm as robot
 from ruamel.yaml import YAML
 from scipy.interpolate import CubicHermiteSpline
 
 from pumaid.errors import Faults, ModelError, PumaidError
 from pumaid.io.plan_file import find_plan, plan_text, read_plan, ros2_trajectory, urscript
-from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import REST, Motion, Plan, Posture, highest_speeds
 
@@ -168,11 +168,6 @@ def loaded(text: str) -> dict:
     reader = YAML(typ="safe", pure=True)
     reader.version = (1, 1)
     return reader.load(text)
-
-
-@cache
-def robot(name: str) -> Robot:
-    return read_recipe(shipped_recipes()[name])
 
 
 def plan(name: str, count: int = 12) -> Plan:

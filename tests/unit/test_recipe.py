@@ -139,6 +139,7 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
         (("{position: deg}", "{position: m}"), "prismatic_position"),
         (("joint: hand", "joint: hnad"), "did you mean hand?"),
         (("joint: 1", "joint: 4"), "from 1 to 3"),
+        (("joint: 1", "jiont: 1"), "did you mean joint?"),
         (("alpha: 90,", ""), "alpha"),
         (("d: 0.1, ", ""), "d: 0"),
         (("theta: 180, ", ""), "theta: 0"),

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import worlds
 from scipy.spatial.transform import Rotation
-from worlds import CRANE, STANFORD, TURN, arm, course, run_of
+from worlds import CRANE, GEARS, STANFORD, TURN, arm, course, run_of, wrist
 
 from pumaid.effects import Samples, catalogue
 from pumaid.estimation.identifiability import of_column, of_ratio
 from pumaid.model import Model, Structure, minimal
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Robot
 
 #: Cosines and sines below this are rounding of right angles.
 ALIGNED = 1e-9
@@ -202,11 +202,7 @@ def test_why_a_ratio_is_open(runs, text, next_run):
     assert text in found["reason"] and next_run in found["next_run"]
 
 
-GEARS = (-62.6, 107.8, -53.7, 76.0, 71.9, 76.7)
-RATIOS = {(5, 4): 0.0139, (6, 4): -0.013, (6, 5): 0.18}
-ARM = Robot(
-    "six", tuple(Joint(n, f"j{n}", "revolute", gear_ratio=gear) for n, gear in enumerate(GEARS, 1)), coupling=RATIOS
-)
+ARM = wrist({(5, 4): 0.0139, (6, 4): -0.013, (6, 5): 0.18})
 
 
 def motor_turns(qd):
