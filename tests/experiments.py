@@ -17,8 +17,8 @@ from pumaid.preprocessing.ingest import ingest
 from pumaid.simulation import Bench, Noise, Truth, simulate, table1
 from pumaid.trajectory import Plan
 
-#: Experiments of which intervals are judged, and of which errors are compared with the least possible.
-EXPERIMENTS, COMPARED = 60, 120
+#: Experiments of which errors are compared with the least possible.
+COMPARED = 120
 #: Seeds of these experiments start here; development used seeds below 20000.
 SEEDS = 70_000
 
@@ -35,7 +35,7 @@ def white_errors(fitted: Fit) -> dict[str, float]:
 
 
 def coverage(
-    truth: Truth, bench: Bench, *, experiments: int = EXPERIMENTS, white: int = 0
+    truth: Truth, bench: Bench, *, experiments: int, white: int = 0
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Share of 95 % intervals that hold the truth, by parameter: ours, and of `white` experiments white-noise ones."""
     known = truth.parameters()

@@ -1,7 +1,6 @@
 """Judge the diagnosis blind on virtual arms, and print the tables of what came out.
 
-    python tools/blind.py run RESULTS.jsonl [--seeds 1] [--arms puma ur stanford] [--effects NAME ...]
-                              [--groups effect clean outside pair thin] [--clean 200] [--jobs 2]
+    python tools/blind.py run RESULTS.jsonl [--seeds 1] [--clean 200] [--jobs 2]
     python tools/blind.py report RESULTS.jsonl
 
 A run writes a line an experiment and may be cut at any time: what stands in the file is not run again. Cases come in a
@@ -21,12 +20,9 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from blind_world.arms import KINDS
 from blind_world.case import Case, cases
 from blind_world.score import judged
 from blind_world.tables import page
-
-GROUPS = ("effect", "clean", "outside", "pair", "thin")
 
 
 def record_of(case: Case) -> dict[str, Any]:
@@ -41,9 +37,8 @@ def record_of(case: Case) -> dict[str, Any]:
 def run(options: argparse.Namespace) -> None:
     """Run what is asked for and not yet in the file."""
     done = {record["key"] for record in read(options.results)} if options.results.is_file() else set()
-    asked = [case for case in cases(options.seeds, options.arms, options.clean) if case.group in options.groups]
-    asked = [case for case in asked if not options.effects or set(case.effects) & set(options.effects)]
-    waiting = sorted((case for case in asked if case.key not in done), key=lambda case: zlib.crc32(case.key.encode()))
+    asked = [case for case in cases(options.seeds, options.clean) if case.key not in done]
+    waiting = sorted(asked, key=lambda case: zlib.crc32(case.key.encode()))
     with options.results.open("a", encoding="utf-8") as out, ProcessPoolExecutor(options.jobs) as pool:
         tasks = [pool.submit(record_of, case) for case in waiting]
         for count, task in enumerate(as_completed(tasks), start=1):
@@ -65,9 +60,6 @@ def main() -> None:
     parser.add_argument("command", choices=("run", "report"))
     parser.add_argument("results", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
-    parser.add_argument("--arms", nargs="+", choices=list(KINDS), default=list(KINDS))
-    parser.add_argument("--effects", nargs="+", default=[])
-    parser.add_argument("--groups", nargs="+", choices=GROUPS, default=list(GROUPS))
     parser.add_argument("--clean", type=int, default=200, help="clean experiments per seed")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()

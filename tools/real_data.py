@@ -121,14 +121,13 @@ def combination(model: dict[str, Any], text: str) -> dict[str, Any]:
 
 
 def ladder(place: Path, heldout: Sequence[Path] = ()) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """The error ladder after ``diagnose --apply``, and the diagnosis of the base model; `heldout` logs are judged."""
+    """The error ladder after ``diagnose --apply``, and what that says; `heldout` logs are judged."""
     judged = [word for file in heldout for word in ("--heldout", str(file))]
     run(place, "identify", *judged)
-    _, first, _ = run(place, "diagnose", *judged, "-o", str(place / "first.json"))
-    run(place, "diagnose", *judged, "--apply")
+    _, diagnosis, _ = run(place, "diagnose", *judged, "--apply")
     history = run(place, "history")[1]["ladders"][-1]
     models = {model["model"]: model for model in history["models"]}
-    return [models[number] for number in history["path"]], first
+    return [models[number] for number in history["path"]], diagnosis
 
 
 #: Recordings of the bare motor at one voltage, and at about one controlled speed.
@@ -137,7 +136,7 @@ SPEED = ("speed_test", "speed_test1", "speed_test_old")
 
 
 def ladders(scratch: Path) -> Iterator[tuple[str, str, list[dict[str, Any]], dict[str, Any]]]:
-    """Recording, what was held out, the models of ``diagnose --apply``, and the diagnosis of the base model."""
+    """Recording, what was held out, the models of ``diagnose --apply``, and what that says."""
     for judged in ("first", "second"):
         place = ur3e_halves(scratch / f"ur3e_{judged}")
         yield ("UR3e", f"{judged} half", *ladder(place, [place / "logs" / f"{judged}.parquet"]))

@@ -2,31 +2,44 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from free_motion import picks, reach, recorded, true_values, waves
 
+from pumaid.dataset import Log
 from pumaid.diagnosis.compare import compare
+from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
-from pumaid.simulation import draw
+from pumaid.simulation import Truth, draw
 
 
-@pytest.mark.parametrize(
-    ("name", "way", "seconds"), [("puma560", waves, 60.0), ("ur5e", picks, 120.0), ("stanford", waves, 60.0)]
-)
-def test_intervals_hold_the_truth_of_arms_at_work(name, way, seconds):
-    """Closed loop of an independent engine: 95 % intervals of friction and ratios hold, errors are of the noise."""
+@cache
+def worked(name: str, way: str, seed: int) -> tuple[Truth, Log]:
+    """A drawn arm in closed loop of an independent engine, and the log of a minute of waves or picks."""
     robot = read_recipe(shipped_recipes()[name])
+    truth, rng = draw(robot, seed), np.random.default_rng(seed)
+    return truth, recorded(truth, {"waves": waves, "picks": picks}[way](rng, 60.0, reach(robot)), rng, counts=2e4)
+
+
+@cache
+def model(name: str, way: str, seed: int) -> Estimate:
+    """The model of this log alone, all of whose motion is of several joints."""
+    truth, log = worked(name, way, seed)
+    dataset = segment([log], truth.robot)
+    assert {run.kind for run in dataset.runs} == {"block"}
+    return identify(dataset, truth.robot)
+
+
+@pytest.mark.parametrize(("name", "way"), [("puma560", "waves"), ("ur5e", "picks"), ("stanford", "waves")])
+def test_intervals_hold_the_truth_of_arms_at_work(name, way):
+    """95 % intervals of friction and ratios hold, errors are of the noise."""
     holds, scores = [], []
     for seed in (31, 32):
-        truth, rng = draw(robot, seed), np.random.default_rng(seed)
-        log = recorded(truth, way(rng, seconds, reach(robot)), rng, counts=2e4)
-        dataset = segment([log], robot)
-        assert {run.kind for run in dataset.runs} == {"block"}
-        estimate = identify(dataset, robot)
+        truth, estimate = worked(name, way, seed)[0], model(name, way, seed)
         exact = true_values(truth)
         for value in estimate.values:
             if value.name in exact and value.std_error is not None:
@@ -41,37 +54,30 @@ def test_intervals_hold_the_truth_of_arms_at_work(name, way, seconds):
 
 def test_unseen_work_is_predicted_to_the_noise():
     """A model of a minute of waves predicts picks of the same arm."""
-    robot = read_recipe(shipped_recipes()["puma560"])
-    truth, rng = draw(robot, 41), np.random.default_rng(41)
-    fitted = segment([recorded(truth, waves(rng, 60.0, reach(robot)), rng, counts=2e4)], robot)
-    unseen = segment([recorded(truth, picks(rng, 40.0, reach(robot)), rng, counts=2e4)], robot)
-    estimate = identify(fitted, robot)
-    comparison = compare(estimate, unseen, robot)
+    (truth, log), estimate = worked("puma560", "picks", 31), model("puma560", "waves", 31)
+    comparison = compare(estimate, segment([log], truth.robot), truth.robot)
     for score, fit in zip(comparison.joints, estimate.joints, strict=True):
         assert score.rmse < 1.5 * fit.rmse and not score.undetermined
 
 
 def test_a_clock_or_a_zero_that_is_off_is_told():
     """Where inertia, weight and friction contradict each other, a note says so; of the sound log there is none."""
-    robot = read_recipe(shipped_recipes()["puma560"])
-    truth, rng = draw(robot, 302), np.random.default_rng(302)
-    log = recorded(truth, picks(rng, 60.0, reach(robot)), rng, counts=2e4)
-    slow, shifted = replace(log, time=1.3 * log.time), log.position.copy()
+    truth, log = worked("puma560", "picks", 31)
+    shifted = log.position.copy()
     shifted[:, 1] += 0.2
-    spoilt = [log, slow, replace(log, position=shifted)]
-    slugs = [{note.slug for note in identify(segment([item], robot), robot).notes} for item in spoilt]
-    assert slugs == [set(), {"model-misses"}, {"model-misses"}]
+    assert model("puma560", "picks", 31).notes == ()
+    for spoilt in (replace(log, time=1.3 * log.time), replace(log, position=shifted)):
+        notes = identify(segment([spoilt], truth.robot), truth.robot).notes
+        assert {note.slug for note in notes} == {"model-misses"}
 
 
 @pytest.mark.parametrize(("name", "true"), [("puma560", 0.4318), ("ur5e", -0.425)])
 def test_a_length_that_motion_contradicts_is_told_with_what_fits(name, true):
     """The upper arm 3 cm too long in the recipe, beside an independent engine; of the right recipe nothing is said."""
-    robot = read_recipe(shipped_recipes()[name])
-    truth, rng = draw(robot, 91), np.random.default_rng(91)
-    log = recorded(truth, waves(rng, 60.0, reach(robot)), rng, counts=2e4)
-    assert "length-wrong" not in {note.slug for note in identify(segment([log], robot), robot).notes}
-    arm = replace(robot.joint(3), a=true + 0.03)
-    wrong = replace(robot, joints=tuple(arm if joint.number == 3 else joint for joint in robot.joints))
+    truth, log = worked(name, "waves", 31)
+    assert "length-wrong" not in {note.slug for note in model(name, "waves", 31).notes}
+    arm = replace(truth.robot.joint(3), a=true + 0.03)
+    wrong = replace(truth.robot, joints=tuple(arm if joint.number == 3 else joint for joint in truth.robot.joints))
     note = next(note for note in identify(segment([log], wrong), wrong).notes if note.slug == "length-wrong")
     fits, error = map(float, re.search(r"recipe: (\S+) ± (\S+) m", note.text).groups())
     assert note.where.joint == 3 and "length a of joint 3" in note.text

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiments import EXPERIMENTS, coverage, logged, losses
+from experiments import coverage, logged, losses
 
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
@@ -15,8 +15,10 @@ from pumaid.robot import EffectChoice
 from pumaid.simulation import Bench, Noise, draw, table1
 from pumaid.simulation.hidden_effects import parse
 
-#: Four binomial standard deviations of as many experiments below 95 %.
-LEAST = 0.95 - 4 * (0.95 * 0.05 / EXPERIMENTS) ** 0.5
+
+def least(experiments: int) -> float:
+    """Four binomial standard deviations of as many experiments below 95 %."""
+    return 0.95 - 4 * (0.95 * 0.05 / experiments) ** 0.5
 
 
 @pytest.mark.slow
@@ -26,21 +28,25 @@ def test_puma_intervals_hold_where_white_noise_ones_fail():
     # forty. Link 5's own x covers always: its interval carries the ignorance of eta_5/eta_6, which is zero in the
     # table.
     truth = table1.puma560()
-    ours, theirs = coverage(truth, Bench(truth, table1.experiment(2), rate=50.0), white=20)
+    ours, theirs = coverage(truth, Bench(truth, table1.experiment(2), rate=50.0), experiments=30, white=10)
     assert 0.93 <= np.mean(list(ours.values())) <= 0.97
-    assert min(ours.values()) > LEAST
+    assert min(ours.values()) > least(30)
     assert np.mean(list(theirs.values())) < 0.75
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("ur3e", 11), ("stanford", 12), ("pendulum2", 13)])
-def test_other_arms_intervals_hold(name, seed):
-    """So they do on drawn arms, one with a prismatic joint, whose experiment is the planner's."""
-    robot = read_recipe(shipped_recipes()[name])
-    truth = draw(robot, seed)
-    ours, _ = coverage(truth, Bench(truth, plan(robot, minutes=12, seed=seed, replicates=1), rate=50.0))
-    assert 0.93 <= np.mean(list(ours.values())) <= 0.97
-    assert min(ours.values()) > LEAST
+def test_other_arms_intervals_hold():
+    """So they do on drawn arms, one with a prismatic joint, whose experiments are the planner's."""
+    # Some 900 intervals of an arm, correlated in pairs, know their share to one per cent, all three arms to 0.6.
+    means = []
+    for name, seed in (("ur3e", 11), ("stanford", 12), ("pendulum2", 13)):
+        robot = read_recipe(shipped_recipes()[name])
+        truth = draw(robot, seed)
+        bench = Bench(truth, plan(robot, minutes=12, seed=seed, replicates=1), rate=50.0)
+        ours, _ = coverage(truth, bench, experiments=20)
+        means.append(np.mean(list(ours.values())))
+        assert 0.92 <= means[-1] <= 0.98 and min(ours.values()) > least(20), name
+    assert 0.93 <= np.mean(means) <= 0.97
 
 
 @pytest.mark.slow
@@ -63,12 +69,12 @@ def test_a_payloads_error_knows_of_the_ratios_that_make_its_load():
     bench = Bench(truth, plan(robot, minutes=12, seed=3), rate=50.0)
     mass, where = truth.hidden[0].values["mass"] * truth.gain[-1], truth.hidden[0].values
     known = {"mass": mass, "x": mass * where["x"], "y": mass * where["y"], "z": mass * where["z"]}
-    for seed in range(5):
+    for seed in range(3):
         dataset = Dataset(bench.runs(np.random.default_rng(seed)))
         estimate = identify(dataset, robot, effects=[EffectChoice("payload")])
         values = [(estimate.value(f"payload.{name}"), size) for name, size in known.items()]
         off += [(value.value - size) / value.std_error for value, size in values]
-    # Of twenty the RMS is known to a sixth; with ratios taken for known it is 4.
+    # Of twelve the RMS is known to a fifth; with ratios taken for known it is 4.
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
     (finding,) = diagnose(identify(dataset, robot), dataset, robot).findings
     assert finding.effect == "payload" and finding.command.endswith("--add payload")
@@ -78,21 +84,22 @@ def test_a_payloads_error_knows_of_the_ratios_that_make_its_load():
 
 @pytest.mark.slow
 def test_the_table_is_found_through_log_files(tmp_path):
-    """Of 10 experiments 93-97.5 % of some 370 intervals hold the value of the table, and what it has is identified."""
+    """Of 5 experiments 91-99 % of some 180 intervals hold the value of the table, and what it has is identified."""
     # Seeds were not used in development; inertia has no row in the table.
-    estimates = [logged(tmp_path / str(seed), seed) for seed in range(900, 910)]
-    known, hits = table1.puma560().parameters(), []
+    estimates = [logged(tmp_path / str(seed), seed) for seed in range(900, 905)]
+    exact, hits = table1.puma560().parameters(), []
     for estimate in estimates:
         hits += [
-            value.ci95[0] <= known[value.name] <= value.ci95[1]
+            value.ci95[0] <= exact[value.name] <= value.ci95[1]
             for value in estimate.values
-            if value.ci95 is not None and value.name in known
+            if value.ci95 is not None and value.name in exact
         ]
         unknown = {value.name for value in estimate.values if value.state != "identified"}
         assert unknown == {"gravity.l1.x", "gravity.l1.y", "gain_ratio.1.2", "gain_ratio.5.6"}
         ratio = estimate.value("gain_ratio.5.6")
         assert ratio.state == "not_identifiable" and "payload" in ratio.next_run
         assert "link 6 is too light to be felt by joint 5" in ratio.reason
-    assert len(hits) > 350 and 0.93 <= np.mean(hits) <= 0.975
+    # Two and a half binomial standard deviations.
+    assert len(hits) > 175 and 0.91 <= np.mean(hits) <= 0.99
     rmse = np.mean([[fit.rmse for fit in estimate.joints] for estimate in estimates], axis=0)
     assert rmse == pytest.approx(table1.puma560().noise.std, rel=0.1)

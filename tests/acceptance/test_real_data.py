@@ -54,7 +54,7 @@ def gen3(scratch):
 
 @cache
 def climbed(judged: str):
-    """The ladder in which one file, or one half of the UR3e's strokes, is kept for judging; and the first diagnosis."""
+    """The ladder in which one file, or one half of the UR3e's strokes, is kept for judging; and what diagnose says."""
     place = Path(mkdtemp())
     try:
         if judged in ("first", "second"):
@@ -144,13 +144,14 @@ def test_ur3e_friction_is_known(shoulder):
 @pytest.mark.parametrize("judged", ["first", "second"])
 def test_ur3e_strokes_not_fitted_are_predicted_and_a_ripple_is_found(judged):
     """Below 0.065 A; then a ripple of about two waves a motor turn takes 5 % more off; Stribeck is never named."""
-    models, first = climbed(judged)
+    models, diagnosis = climbed(judged)
     errors = [model["heldout"] for model in models]
     assert errors[0] < 0.065
     assert errors == sorted(errors, reverse=True)
     assert 198.0 < ripples(models)[0] < 202.0
     assert errors[1] < 0.95 * errors[0]
-    named = {name for finding in first["findings"] for name in (finding["effect"], *finding["rivals"])}
+    findings = diagnosis["applied"] + diagnosis["findings"]
+    named = {name for finding in findings for name in (finding["effect"], *finding["rivals"])}
     assert "stribeck" not in named
 
 

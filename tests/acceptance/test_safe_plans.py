@@ -1,13 +1,10 @@
 """A plan made with a forbidden box, driven by the virtual robot in closed loop, keeps clear of it in every sample."""
 
-from pathlib import Path
-
-import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 from command import run
 
 from pumaid.design.collision import Collision
+from pumaid.io.log_reader import LogReader
+from pumaid.io.paths import expand
 from pumaid.io.recipe import read_recipe, shipped_recipes
 
 #: A ceiling above the hinge, which the outstretched arm would strike.
@@ -17,13 +14,6 @@ safety:
   boxes: [{name: ceiling, min: [-1, -1, 0.4], max: [1, 1, 0.5]}]
   spheres: [{link: 2, centre: [0.15, 0, 0], radius: 0.03}]
 """
-
-
-def positions(logs: Path, joints: int) -> np.ndarray:
-    """(N, J) rad of all samples, in the order of the files."""
-    read = {".csv": pyarrow.csv.read_csv, ".parquet": pyarrow.parquet.read_table}
-    tables = [read[path.suffix](path) for path in sorted(logs.iterdir()) if path.suffix in read]
-    return np.concatenate([np.column_stack([t[f"q{j + 1}"].to_numpy() for j in range(joints)]) for t in tables])
 
 
 def test_a_safe_plan_keeps_clear(tmp_path):
@@ -36,8 +26,12 @@ def test_a_safe_plan_keeps_clear(tmp_path):
         (folder / "recipe.yaml").write_text(text, encoding="utf-8")
         run("plan", folder / "recipe.yaml", "--minutes", "3")
         run("simulate", folder / "recipe.yaml", "--plan", folder / "plan.yaml", "-o", folder / "logs")
-        collision = Collision(read_recipe(tmp_path / "safe" / "recipe.yaml"))
-        least[name] = min(float(collision.distances(q).min()) for q in positions(folder / "logs", 2))
+        robot = read_recipe(tmp_path / "safe" / "recipe.yaml")
+        collision, logs = (
+            Collision(robot),
+            [log for path in expand([folder / "logs"]) for log in LogReader(path, robot)],
+        )
+        least[name] = min(float(collision.distances(q).min()) for log in logs for q in log.position)
     # Encoders and the controller's way over its target are far below a millimetre.
     assert least["safe"] > 0.02 - 1e-3
     assert least["free"] < 0.0

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from menus import arm
 
 from pumaid.design.plan import plan
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.gls import fit_with_replicates
-from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.io.recipe import read_recipe
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.preprocessing.ingest import ingest
 from pumaid.preprocessing.segment import segment
 from pumaid.results.truth_file import as_json
-from pumaid.robot import Robot
 from pumaid.simulation import draw, simulate
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.trajectory import Motion, Plan
@@ -24,10 +24,6 @@ from pumaid.trajectory import Motion, Plan
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 #: Arms and sessions on which nothing was chosen.
 SEEDS = (301, 302)
-
-
-def pendulums() -> Robot:
-    return read_recipe(shipped_recipes()["pendulum2"])
 
 
 def strokes_and_runs() -> Plan:
@@ -46,11 +42,11 @@ def test_inertia_in_closed_loop(rate, step, mean):
     """Right to half a percent on average, through an encoder of 1 mrad to one; it is still told as too certain."""
     shares, z = [], []
     for seed in SEEDS:
-        truth = draw(pendulums(), seed)
+        truth = draw(arm("pendulum2"), seed)
         if step is not None:
             truth = replace(truth, noise=replace(truth.noise, counts=np.full(2, 1.0 / step)))
         logs = simulate(truth.robot, strokes_and_runs(), truth=truth, seed=seed, rate=rate)
-        found = identify(segment(logs, pendulums()), pendulums())
+        found = identify(segment(logs, arm("pendulum2")), arm("pendulum2"))
         known = truth.gain * np.diag(RigidArm(truth, step=0.001).inertia(np.full(2, 0.4)))
         felt = [part for part in found.combinations if part.text.startswith("inertia felt by joint")]
         off = np.array([part.value for part in felt]) - known

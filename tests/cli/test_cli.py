@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from command import answer, run, shell
+from menus import write_short_plan
 
 import pumaid
 from pumaid.cli import ORDER_OF_WORK, group, output
@@ -118,7 +119,7 @@ def test_shell_completion(kind):
 LINES = {
     "init": "init pendulum2 -o new.yaml",
     "plan": "plan recipe.yaml --minutes 5 -o other.yaml",
-    "simulate": "simulate recipe.yaml -o virtual --rate 20",
+    "simulate": "simulate recipe.yaml --plan short.yaml -o virtual --rate 20",
     "segment": "segment logs",
     "identify": "identify logs",
     "compare": "compare results/model.json logs",
@@ -144,6 +145,7 @@ def test_one_document_with_its_head(arm, name):
 
     Entries of a comparison that other programs read stand where interfaces.md puts them.
     """
+    write_short_plan(arm / "short.yaml")
     document = answer(LINES[name])
     assert isinstance(document["kind"], str) and document["format"] == 1
     assert document["pumaid"] == pumaid.__version__

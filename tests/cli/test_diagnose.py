@@ -39,7 +39,7 @@ def experiment(folder: Path) -> Path:
     """A pendulum's recipe, plan, logs and model, with a ripple hidden in its motors."""
     shutil.copy(shipped_recipes()["pendulum2"], folder / "recipe.yaml")
     robot = pumaid.read_recipe(folder / "recipe.yaml")
-    plan, truth = pumaid.plan(robot, minutes=8, seed=3), draw(robot, 3)
+    plan, truth = pumaid.plan(robot, minutes=5, seed=3), draw(robot, 3)
     (folder / "plan.yaml").write_text(plan_text(plan, robot), encoding="utf-8")
     truth = truth.hiding([hidden.parse(HIDDEN, robot)])
     for origin, logs in groupby(pumaid.simulate(robot, plan, truth=truth, seed=3, rate=100.0), key=lambda x: x.origin):

@@ -69,9 +69,3 @@ def test_models_of_other_logs_stand_apart(arm):
     out = run("history").stdout
     assert "Not comparable with the models above: fitted to other logs" in out
     assert out.index("0.0600") < out.index("Not comparable")
-
-
-def test_nothing_kept():
-    """An experiment without a model is bad input, with the command that makes one."""
-    told = run("history", code=3).stderr
-    assert "error[no-history]" in told and "pumaid identify" in told

@@ -54,14 +54,9 @@ def test_csv_has_a_line_a_run(logs, document):
     assert rows[0][f"q{rows[0]['joint']}"] == ""
 
 
-def test_picture_is_written(logs, tmp_path):
-    """The picture's form follows its ending."""
-    assert answer(f"segment {logs} --picture {tmp_path / 'runs.png'}")["kind"] == "segments"
-    assert (tmp_path / "runs.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_thresholds_reach_the_segmentation(logs, document):
-    """Asking for longer runs leaves fewer, and says why."""
+def test_thresholds_reach_the_segmentation_and_the_picture_is_written(logs, document, tmp_path):
+    """Asking for longer runs leaves fewer; the picture's form follows its ending."""
     longest = max(entry["duration"] for entry in document["runs"])
-    found = answer(f"segment {logs} --min-duration {longest} --kinds constant")
-    assert len(found["runs"]) < len(document["runs"])
+    fewer = answer(f"segment {logs} --min-duration {longest} --kinds constant --picture {tmp_path / 'runs.png'}")
+    assert len(fewer["runs"]) < len(document["runs"])
+    assert (tmp_path / "runs.png").read_bytes().startswith(b"\x89PNG")

@@ -75,11 +75,10 @@ def test_what_the_dense_system_determines_is_exact(system):
     """Every starred parameter is; a ratio is a number exactly where no null direction changes it, then the truth's."""
     solved, null, p = recursion(system), system.null(), len(system.owners)
     assert np.allclose(solved.values, system.values, rtol=EXACT)
-    found = solved.gains
     for i in range(len(system.gains)):
         for j in range(i):
             is_open = bool(np.max(np.abs(null[p + i] - null[p + j]), initial=0.0) > 1e-6)
-            ratio = found.ratio(j, i)
+            ratio = solved.gains.ratio(j, i)
             assert np.isnan(ratio) == is_open
             assert is_open or np.isclose(ratio, system.gains[j] / system.gains[i], rtol=EXACT)
 

@@ -75,17 +75,17 @@ SAME = {
 @pytest.mark.parametrize("words", SAME)
 def test_units_signs_names_and_the_clocks_origin_change_nothing(tmp_path, words):
     """The same logs in other units, with columns that count the other way or have other names, or since 1970."""
-    found = model(tmp_path / "arm", map(SAME[words], good()), recipe=f"{OTHER}log: {{{words}}}\n")
-    assert_same(found, share=EDGE if "time" in words else ROUNDING)
+    document = model(tmp_path / "arm", map(SAME[words], good()), recipe=f"{OTHER}log: {{{words}}}\n")
+    assert_same(document, share=EDGE if "time" in words else ROUNDING)
 
 
 def test_order_form_and_precision_change_nothing(tmp_path):
     """Files and columns in any order, Parquet beside CSV, all but the time in single precision."""
     rng = np.random.default_rng(3)
     tables = [table[list(rng.permutation(COLUMNS))].astype(dict.fromkeys(COLUMNS[1:], "float32")) for table in good()]
-    found = model(tmp_path / "arm", tables, names=("a.parquet", "b.csv"), order=("b.csv", "a.parquet"))
-    assert_same(found)
-    for new, old in zip(found["joints"], fitted()["joints"], strict=True):
+    document = model(tmp_path / "arm", tables, names=("a.parquet", "b.csv"), order=("b.csv", "a.parquet"))
+    assert_same(document)
+    for new, old in zip(document["joints"], fitted()["joints"], strict=True):
         assert [new[key] for key in FLOORS] == pytest.approx([old[key] for key in FLOORS], rel=1e-4)
 
 

@@ -521,20 +521,6 @@ def test_the_minimum_is_that_of_the_whole_problem(added):
     assert solved.square == pytest.approx(total, rel=1e-8)
 
 
-def test_jacobian_is_the_derivative_of_the_prediction():
-    """By every parameter, ratios of gains included, against central differences of the problem written out."""
-    solved = noisy(pendulum())
-    written = Written(solved)
-    theta = written.begin
-    for row in solved.joints:
-        for place in range(len(theta)):
-            step = np.zeros(len(theta))
-            step[place] = 1e-5 * max(abs(theta[place]), 1.0)
-            ends = [written.predicted(row.bins.joint, theta + sign * step) for sign in (1.0, -1.0)]
-            slope = row.noise.whiten(row.bins, (ends[0] - ends[1]) / (2.0 * step[place]))
-            np.testing.assert_allclose(row.jacobian[:, place], slope, atol=1e-5 * (1.0 + np.abs(slope).max()))
-
-
 def test_effects_and_their_shapes_are_fitted_with_all_else():
     """One joint is linear: the square is what a dense fit of base, effects and derivatives by their shapes leaves."""
     # To a thousandth: shapes have a prior in the fit.

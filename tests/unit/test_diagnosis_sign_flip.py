@@ -20,7 +20,7 @@ from pumaid.effects import catalogue
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}
 LABS = {"lever": lever, "pendulum": pendulum}
 #: Experiments with each noise in the tests marked slow.
-DRAWS = 40
+DRAWS = 24
 #: One effect of each kind that is looked at by itself: between runs, within runs, in time, with the load.
 ALONE = (("viscous_power", 1), ("spring", 1), ("warmup", 1), ("load_friction", 1))
 
@@ -63,7 +63,7 @@ def most(draws: int, level: float) -> int:
 
 
 @pytest.mark.parametrize(
-    ("name", "draws"), [("lever", 25), pytest.param("pendulum", DRAWS, marks=pytest.mark.slow)], ids=LABS
+    ("name", "draws"), [("lever", 20), pytest.param("pendulum", DRAWS, marks=pytest.mark.slow)], ids=LABS
 )
 @pytest.mark.parametrize("kind", NOISES)
 def test_clean_data_raise_few_alarms(name, draws, kind):
@@ -76,7 +76,7 @@ def test_clean_data_raise_few_alarms(name, draws, kind):
 
 @pytest.mark.slow
 def test_power_is_not_thrown_away():
-    """In all of these experiments together some p-values are below 0.05: none would be a rate below one in 60."""
+    """In all of these experiments together some p-values are below 0.05: none would be a rate below one in 24."""
     alarms = [np.count_nonzero(chances("pendulum", kind, DRAWS)[0] <= 0.05) for kind in NOISES]
     assert sum(alarms) > 0
 
@@ -122,20 +122,18 @@ def told(step: Step) -> dict:
     return detection_limits(step.scan, step.family)
 
 
-@pytest.mark.parametrize("name", ["spring", pytest.param("torque_droop", marks=pytest.mark.slow)])
-def test_an_effect_of_the_limits_size_is_found_four_times_in_five(name):
+def test_an_effect_of_the_limits_size_is_found_four_times_in_five():
     """Found and named (rivals count) as a binomial of 0.8 is in 99.8 % of cases; a third of the size is not."""
-    # Both effects have one shape, so that the limit is not a median over shapes.
-    added = EffectTerm(catalogue()[name], 1, {})
-    limit = float(np.mean([told(look(lever(), seed))[name, 1].size for seed in (901, 902, 903)]))
+    # A spring has one shape, so that the limit is not a median over shapes.
+    added = EffectTerm(catalogue()["spring"], 1, {})
+    limit = float(np.mean([told(look(lever(), seed))["spring", 1].size for seed in (901, 902, 903)]))
     hits = {}
     for share, draws in ((1.0, 20), (0.33, 6)):
         hits[share] = 0
         for seed in range(draws):
-            sign = 1.0 if any(added.effect.signs({})) else (1.0, -1.0)[seed % 2]
-            found = look(lever(), seed, added, sign * share * limit)
+            found = look(lever(), seed, added, (1.0, -1.0)[seed % 2] * share * limit)
             named = [found.chosen, *found.chosen.rivals] if found.chosen is not None else []
-            hits[share] += (name, 1) in [one.key for one in named]
+            hits[share] += ("spring", 1) in [one.key for one in named]
     low, high = stats.binom.ppf([0.001, 0.999], 20, 0.8)
     assert low <= hits[1.0] <= high
     assert hits[0.33] <= 2

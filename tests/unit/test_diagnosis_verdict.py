@@ -283,8 +283,8 @@ def test_bins_are_means_over_runs():
         EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.2, "exponent": 1.0}),
     )
     before, after = np.random.default_rng(1).normal(size=(2, len(samples)))
-    found = curve(LEVER, samples, before=before, trials=[(falling, after)])
-    back, speeds = found.sides[1], np.abs(samples.velocity[:, 0])
+    picture = curve(LEVER, samples, before=before, trials=[(falling, after)])
+    back, speeds = picture.sides[1], np.abs(samples.velocity[:, 0])
     slow = np.unique(samples.run[(samples.direction < 0) & (speeds < 1.2 * speeds.min())])
     means = [after[samples.run == number].mean() for number in slow]
     assert back.direction == -1 and back.runs.tolist() == [4.0] * 4 == [float(len(slow))] * len(back.centres)
@@ -299,9 +299,9 @@ def test_a_ripple_is_folded_on_its_period():
         0.05 * np.cos(40.0 * samples.position[:, 0]),
         EffectTerm(catalogue()["ripple"], 1, {"frequency": 40.0}),
     )
-    found = curve(LEVER, samples, before=wave, trials=[(effect, 0.0 * wave)])
-    assert found.period == pytest.approx(2 * np.pi / 40.0)
-    side = found.sides[0]
+    picture = curve(LEVER, samples, before=wave, trials=[(effect, 0.0 * wave)])
+    assert picture.period == pytest.approx(2 * np.pi / 40.0)
+    side = picture.sides[0]
     assert side.before == pytest.approx(0.05 * np.cos(40.0 * side.centres), abs=2e-3)  # a bin is 1/32 of a period
 
 

@@ -37,6 +37,7 @@ def test_readme_prints_two_commands():
     assert all(command.startswith("python3 -m venv .venv && .venv/bin/pip install ") for command in commands)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("```console" not in README, reason="the README shows no session")
 def test_readme_sessions_print_what_they_say():
     """Every command of the README's tour prints what stands below it; numbers within 2 %."""

@@ -97,10 +97,14 @@ def test_remove_takes_out_what_the_recipe_switches_on():
 def test_a_wrong_effect_of_the_recipe_is_told_with_its_place(wrong, slug, hint):
     """The recipe's file, line and entry stand in the message, and the nearest name."""
     robot = replace(PENDULUM, effects=(EffectChoice("spring", 1), wrong), origin="recipe.yaml", effect_lines=(8, 9))
-    with pytest.raises(ModelError) as told:
+    with pytest.raises(ModelError) as refused:
         expanded(robot.effects, robot)
-    assert told.value.slug == slug and hint in str(told.value)
-    assert (told.value.where.file, told.value.where.line, told.value.where.field) == ("recipe.yaml", 9, "effects[2]")
+    assert refused.value.slug == slug and hint in str(refused.value)
+    assert (refused.value.where.file, refused.value.where.line, refused.value.where.field) == (
+        "recipe.yaml",
+        9,
+        "effects[2]",
+    )
 
 
 #: Twice the same effect at one joint, one of the whole arm, one with shapes that are fitted.

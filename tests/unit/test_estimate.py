@@ -201,15 +201,19 @@ SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 
 
 @cache
-def hiding(text, *, robot=PENDULUM, noise=1.0, speeds=SPEEDS, seed=1, repeats=2) -> tuple[dict[str, float], Dataset]:
-    """True values of a hidden effect, and what the logs of an arm with it leave; its noise scaled by `noise`."""
-    # The motions come in random order, so that time does not go with speed or posture.
-    truth = drawn(robot).hiding((parse(text, robot),))
+def hiding(text, *, noise=1.0, first=SPEEDS, repeats=2) -> tuple[dict[str, float], Dataset]:
+    """True values of a hidden effect, and what the logs of an arm with it leave; its noise scaled by `noise`.
+
+    The first joint runs at the speeds `first`. The motions come in random order, so that time does not go with speed or
+    posture.
+    """
+    truth = drawn(PENDULUM).hiding((parse(text, PENDULUM),))
     truth = replace(truth, noise=replace(truth.noise, std=noise * truth.noise.std))
-    plan = experiment(robot, postures=4, speeds=speeds, repeats=repeats)
+    plan = experiment(PENDULUM, postures=4, speeds=SPEEDS, repeats=repeats)
+    plan = only(plan, lambda motion: motion.joint == JOINT or motion.velocity in first)
     order = np.random.default_rng(0).permutation(len(plan.motions))
     plan = Plan(plan.robot, tuple(plan.motions[k] for k in order))
-    runs = Bench(truth, plan, rate=50.0, bins=120).runs(np.random.default_rng(seed))
+    runs = Bench(truth, plan, rate=50.0, bins=120).runs(np.random.default_rng(1))
     return dict(truth.hidden[0].values), Dataset(runs)
 
 
@@ -240,7 +244,7 @@ SHARES = {
 @pytest.mark.parametrize("effect", SHARES)
 def test_a_hidden_effect_is_found_again(effect):
     """With next to no noise the law's own numbers come back, nonlinear ones too, and nothing is left of the misfit."""
-    truth, dataset = hiding(f"{effect}@{JOINT}", noise=1e-3, repeats=1)
+    truth, dataset = hiding(f"{effect}@{JOINT}", noise=1e-3, first=(0.1, 0.7), repeats=1)
     before = identify(dataset, PENDULUM)
     after = identify(dataset, PENDULUM, effects=[EffectChoice(effect, JOINT)])
     values = found(after, effect)
@@ -491,8 +495,8 @@ def told(tables: tuple[pd.DataFrame, ...]) -> list[str]:
 
 
 def test_good_logs_are_passed_in_silence():
-    """Ten sessions of two joints, with noise of samples and of runs, on seeds that no threshold was chosen on."""
-    assert [noted(good(seed)) for seed in range(500, 510)] == [[]] * 10
+    """Six sessions of two joints, with noise of samples and of runs, on seeds that no threshold was chosen on."""
+    assert [noted(good(seed)) for seed in range(500, 506)] == [[]] * 6
 
 
 @pytest.mark.parametrize("share", [0.0, 1e-9, 3e-4])

@@ -140,9 +140,9 @@ def test_json_says_enough_to_draw_it(name, rich):
     """A small evaluator that follows the document's own words finds the currents, and the reference is right."""
     robot, estimate, position, velocity, wanted = case(name, rich)
     document = json.loads(export(estimate, robot, form="json").files[".json"])
-    found = np.array([current(document, q, qd) for q, qd in zip(position[:2], velocity[:2], strict=True)])
+    found = current(document, position[0], velocity[0])
     # Slopes are taken by differences there: 1e-9 is what a central difference of step 1e-5 leaves.
-    assert np.allclose(found, wanted[:2], atol=(1e-9 if rich else EXACT) * np.abs(wanted).max())
+    assert np.allclose(found, wanted[0], atol=(1e-9 if rich else EXACT) * np.abs(wanted).max())
     for row in document["reference"]:
         q, qd = np.array([row["q"]]), np.array([row["qd"]])
         assert np.allclose(row["current"], predicted(robot, estimate, q, velocity=qd)[0], rtol=1e-12, atol=1e-14)
@@ -153,8 +153,8 @@ def test_matlab_draws_what_the_model_predicts(name, rich):
     """Translated line by line into Python (tests/matlab_lines.py), since no interpreter is at hand everywhere."""
     robot, estimate, position, velocity, wanted = case(name, rich)
     run = as_python(export(estimate, robot, form="matlab", name="arm").files[".m"], "arm")
-    found = np.array([run(q, qd)[0] for q, qd in zip(position[:8], velocity[:8], strict=True)])
-    assert off(found, wanted[:8]) < 1e2 * EXACT  # relative to eight postures' largest, not to forty's
+    found = np.array([run(q, qd)[0] for q, qd in zip(position[:4], velocity[:4], strict=True)])
+    assert off(found, wanted[:4]) < 1e2 * EXACT  # relative to four postures' largest, not to forty's
 
 
 def test_what_is_not_written_is_said():
@@ -166,16 +166,6 @@ def test_what_is_not_written_is_said():
     assert told == set(NOT_WRITTEN)
     assert all(f"/* {name}" in found.files[".c"] for name in written)
     assert all(f"{lack.name}:" in found.files[".h"] for lack in found.left_out)
-
-
-def test_python_form_is_valid_for_any_names():
-    """Names that end comments or strings, or are no identifiers, do no harm."""
-    robot = robot_called("crane")
-    joints = tuple(replace(joint, name=f'*/ """ -- \\ {joint.number} ??/ é\n') for joint in robot.joints)
-    robot = replace(robot, name='3 */ double """ \'quo\nte\'', joints=joints)
-    found = export(fitted(robot), robot, form="python")
-    assert found.name == "arm_3_double_quo_te"
-    ast.parse(found.files[".py"])
 
 
 def test_a_model_of_partial_logs_is_written_and_its_gaps_are_told():
@@ -206,15 +196,16 @@ def test_gears_that_couple_joints_drive_friction():
 
 
 @needs_gcc
-def test_c_compiles_for_any_names(tmp_path):
-    """The same for C, comments in comments and trigraphs included."""
+def test_any_names_are_written(tmp_path):
+    """Names that end comments or strings, comments in comments, trigraphs, or that are no identifiers, do no harm."""
     robot = robot_called("crane")
-    joints = tuple(replace(joint, name=f'*/ /* -- \\ {joint.number} ??/ é\n"') for joint in robot.joints)
-    robot = replace(robot, name="*/ int main(void){} /* \\", joints=joints)
-    estimate = fitted(robot)
-    call = compiled(tmp_path, robot, estimate)
+    joints = tuple(replace(joint, name=f'*/ /* """ -- \\ {joint.number} ??/ é\n"') for joint in robot.joints)
+    robot = replace(robot, name='3 */ int main(void){} /* """ \'quo\nte\' \\', joints=joints)
+    python = export(fitted(robot), robot, form="python")
+    assert python.name == "arm_3_int_main_void_quo_te"
+    ast.parse(python.files[".py"])
     posture = np.linspace(0.3, -0.7, robot.n_joints)
-    drawn = call("gravity", posture)
+    drawn = compiled(tmp_path, robot, fitted(robot))("gravity", posture)
     assert np.all(np.isfinite(drawn))
     (tmp_path / "plain").mkdir()
     plain = compiled(tmp_path / "plain", robot_called("crane"), fitted(robot_called("crane")))

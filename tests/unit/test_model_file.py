@@ -1,9 +1,7 @@
 """Model files: nothing is lost on the way to disk and back, and a damaged file says what is wrong with it."""
 
 import json
-import sys
 from dataclasses import MISSING, fields, replace
-from io import BytesIO, TextIOWrapper
 
 import numpy as np
 import pytest
@@ -156,12 +154,6 @@ def test_other_version_is_noted(model):
     """A file of another version is read, and the estimate says where it comes from."""
     found = read_model(broken(model, "pumaid", to="0.0.9", is_sealed=True))
     assert [note.slug for note in found.notes] == ["few-runs", "model-other-version"]
-
-
-def test_standard_input(model, monkeypatch):
-    """``-`` reads the model from standard input."""
-    monkeypatch.setattr(sys, "stdin", TextIOWrapper(BytesIO(model.read_bytes())))
-    assert read_model("-").robot == "Ärmchen"
 
 
 def arm(n_joints: int = 2, **changed: str) -> Robot:

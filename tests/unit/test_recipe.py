@@ -196,7 +196,7 @@ def test_a_slip_in_a_required_key_is_told_once(recipe) -> None:
         (b"name: !degrees 3\n", "tag"),
         (b"name: *missing\n", "undefined alias"),
         (b"a: &a [*a]\n", "there is no key a"),
-        (b"a: " + b"[" * 3000, "deep"),
+        (b"a: " + b"[" * 1000, "deep"),
         (b"a: " + b"9" * 6000, "number"),
         (b"#" * 300_000, "bytes"),
         (b"? [1, 2]\n: 3\n", "the key name is missing"),

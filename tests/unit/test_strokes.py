@@ -138,11 +138,11 @@ def fitted(seed: int, kinds: tuple[str, ...]) -> Fit:
     return fit_effects(Model.of_runs(PENDULUM, runs), runs, wanted, begun=first_motions(runs)).fit
 
 
+@pytest.mark.slow
 def test_the_hidden_velocity_is_within_its_interval():
     """The Stribeck velocity of a robot in closed loop is found although strokes are among its runs."""
-    found = [identify(logged(seed), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95 for seed in range(2)]
-    assert np.median([high / low for low, high in found]) < 2.0
-    assert all(low <= VELOCITY <= high for low, high in found)
+    low, high = identify(logged(0), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95
+    assert low <= VELOCITY <= high < 2.0 * low
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -67,8 +67,9 @@ class Experiment:
     noise: np.ndarray[Any, np.dtype[np.float64]]  # (N, J) A to be added
 
 
-def cases(seeds: Sequence[int], kinds: Sequence[str] = tuple(KINDS), clean: int = 200) -> Iterator[Case]:
+def cases(seeds: Sequence[int], clean: int) -> Iterator[Case]:
     """Every case of the whole benchmark, for each of its seeds; `clean` experiments of a seed hide nothing."""
+    kinds = tuple(KINDS)
     for seed in seeds:
         for name, kind, size in itertools.product(CATALOGUE, kinds, SIZES):
             yield Case("effect", (name,), kind, size, 0, seed)
