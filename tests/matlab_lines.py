@@ -32,6 +32,7 @@ def _result(found):
 
 KNOWN = {name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "power")}
 KNOWN |= {"max": np.maximum, "min": np.minimum, "numel": np.size, "struct": SimpleNamespace, "copied": deepcopy}
+KNOWN["isempty"] = lambda values: np.size(values) == 0
 KNOWN |= {
     "cross": lambda one, other: _result(np.cross(one, other)),
     "dot": lambda one, other: float(np.sum(one * other)),

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pumaid.effect_spec import EffectTerm, terms_of
-from pumaid.effects import Samples, catalogue
+from pumaid.effects import Samples
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.errors import ModelError, Where
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Flags, Floats
 from pumaid.model import Model, felt_ratios, loads, minimal
+from pumaid.rigid_body import PARAMETERS, base_parameters
 from pumaid.robot import Robot, turn_of_z
 from pumaid.simulation.virtual_robot import Links, carried_moment, gravity_load, link_of
 
@@ -64,6 +65,8 @@ class Formulas:
     estimate: Estimate
     #: (J, 2) of each link, in the gain of its own joint: k_x and k_y (A s2/m), or mass and nothing for a slide.
     moments: Floats
+    #: (J, 11) of each link, in the gain of its own joint, by `rigid_body.PARAMETERS`; 0 where no motion was fitted.
+    bodies: Floats
     #: (J, J) eta_i / eta_j by which link j counts in joint i; 0 where it does not or is not known.
     ratios: Floats
     #: (J, J) the same for moments that joint i's axis does not turn about, in the gain of the next joint outward that
@@ -81,35 +84,34 @@ class Formulas:
     @classmethod
     def of(cls, estimate: Estimate, robot: Robot) -> Formulas:
         """The formulas of a model; effects that have none are listed."""
-        solution = dict(zip(estimate.names, estimate.solution.tolist(), strict=True))
-
-        def numbers(pattern: str, *parts: str) -> list[float]:
-            return [solution.get(f"{pattern}.{part}", 0.0) for part in parts]
-
-        moments = np.array(
-            [
-                numbers(f"gravity.l{joint.number}", *("xy" if joint.is_revolute else ("mass", "")))
-                for joint in robot.joints
-            ]
+        solution, model = (
+            dict(zip(estimate.names, estimate.solution.tolist(), strict=True)),
+            Model.of_estimate(robot, estimate),
         )
         coulomb, viscous = (
-            np.array([numbers(f"{effect}.j{joint.number}", "plus", "minus") for joint in robot.joints])
+            np.array(
+                [[solution.get(f"{effect}.j{j.number}.{way}", 0.0) for way in ("plus", "minus")] for j in robot.joints]
+            )
             for effect in ("coulomb", "viscous")
         )
+        moments, bodies = model.moments(estimate.solution, estimate.scales), np.zeros((robot.n_joints, len(PARAMETERS)))
+        if model.is_dynamic:
+            names = base_parameters(robot).names
+            links, parts = [link - 1 for link, _ in names], [PARAMETERS.index(part) for _, part in names]
+            bodies[links, parts] = estimate.solution[model.inertial]
         heavy = np.asarray(moments.any(axis=1))
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
         effects = terms_of(estimate.effects)
         reasons = {spoken(effect): why_left_out(effect, robot) for effect in effects}
-        if any(name.startswith(("inertia.l", "rotor.")) for name in estimate.names):
-            reasons["inertia"] = catalogue()["inertia"].left_out
         # What a posture of this arm may need and the data did not tell; not what no posture can show.
-        structure = minimal(robot)
-        idle = {*structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in structure.redundant)}
+        redundant = (f"gain_ratio.{i}.{j}" for i, j in model.structure.redundant)
+        idle = {*model.structure.absent, *redundant}
         return cls(
             robot=robot,
             estimate=estimate,
             moments=moments,
+            bodies=bodies,
             ratios=np.nan_to_num(estimate.scales),
             felt=np.array([felt_ratios(heavy, estimate.scales, i) for i in range(robot.n_joints)]),
             coulomb=coulomb,
@@ -130,8 +132,25 @@ class Formulas:
         )
 
     def arrays(self) -> dict[str, Floats]:
-        """The paper's model by the names that exports give its tables."""
-        return {name: getattr(self, name) for name in ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")}
+        """The base model by the names that exports give its tables."""
+        names = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")
+        return {name: getattr(self, name) for name in (*names, *(["bodies"] * self.is_dynamic))}
+
+    @property
+    def is_dynamic(self) -> bool:
+        """Whether the model has inertia."""
+        return bool(self.bodies.any())
+
+    def inertia(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
+        """(N, J) A of the rigid body beside its weight, by the model's own regressor."""
+        body = base_parameters(self.robot)
+        links, moved = np.array([link for link, _ in body.names]) - 1, np.empty_like(position)
+        motion = (position.T, velocity.T, acceleration.T)
+        still = (position.T, 0.0 * velocity.T, 0.0 * velocity.T)
+        values = self.bodies[links, [PARAMETERS.index(part) for _, part in body.names]]
+        for joint, (rows, rest) in enumerate(zip(body.rows(*motion), body.rows(*still), strict=True)):
+            moved[:, joint] = (values * self.ratios[joint, links])[-len(rows) :] @ (rows - rest)
+        return moved
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
         """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""

@@ -44,6 +44,7 @@ class Language:
             "placed": robot.placements[:, :3, :3].reshape(-1, 9),
             "d": np.array([joint.d for joint in robot.joints]),
             "g": np.array(robot.gravity, dtype=float),
+            "offset": robot.placements[:, :3, 3],
             **formulas.arrays(),
         }
         start, end, _ = self.brackets
@@ -58,6 +59,7 @@ class Language:
             "title": title(formulas),
             "head": head(subject, formulas.left_out),
             "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
+            "dynamic": formulas.is_dynamic,
             "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
             "holds": kinds[False],
             "frictions": [(joint, list(group)) for joint, group in groupby(kinds[True], key=itemgetter("joint"))],
@@ -195,7 +197,11 @@ MEANING = {
     " and tilt_y are (z_i x (g x e)) . F_i with e the base's x or y and F_i = sum over j >= i of felt[i][j] h_j (of a"
     " slide -(z_i . (g x e)) mass_i), across is |M - z_i (z_i . M)| with M = g x F_i (of a slide 0); ** is a power",
     "current": "load_i + base_i + all terms of joint i; at rest only load_i and the terms that are not friction",
-    "reference": "postures and velocities with the current of every joint, by the program that identified the model",
+    "bodies": "of each link mass, first moments, inertia (xx, xy, xz, yy, yz, zz) about its frame's origin and the"
+    " rotor's, in the gain of its own joint: inertia_i is the sum over links j >= i of ratios[i][j] times the torque"
+    " (of a slide the force) that Newton and Euler ask of joint i for link j alone, without gravity, and rotor qdd_i",
+    "reference": "postures and velocities with the current of every joint, by the program that identified the model;"
+    " with qdd, where there are bodies, inertia beside it",
 }
 
 
@@ -211,7 +217,10 @@ def write_json(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     ways = np.random.default_rng(0)
     position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
     velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
-    current = formulas.predicted(position, velocity)
+    reference = {"q": position, "qd": velocity, "current": formulas.predicted(position, velocity)}
+    if formulas.is_dynamic:
+        acceleration = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
+        reference |= {"qdd": acceleration, "inertia": formulas.inertia(position, velocity, acceleration)}
     return {
         ".json": as_text(
             {
@@ -240,7 +249,7 @@ def write_json(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
                 "left_out": formulas.left_out,
                 "undetermined": formulas.undetermined,
                 "reference": [
-                    {"q": q, "qd": qd, "current": i} for q, qd, i in zip(position, velocity, current, strict=True)
+                    dict(zip(reference, rows, strict=True)) for rows in zip(*reference.values(), strict=True)
                 ],
             }
         )

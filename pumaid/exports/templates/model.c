@@ -24,6 +24,12 @@ static const double FELT[N][N] = {{ felt }};
 /* Friction forward and backward: A, and A s/rad (A s/m). */
 static const double COULOMB[N][2] = {{ coulomb }};
 static const double VISCOUS[N][2] = {{ viscous }};
+{% if dynamic %}
+/* Offset of each joint's frame in that of the joint before, m; and of each link, in the gain of its own joint, mass,
+   first moments, inertia (xx, xy, xz, yy, yz, zz) about its frame's origin, and the rotor's: in A for N m (N). */
+static const double OFFSET[N][3] = {{ offset }};
+static const double BODY[N][11] = {{ bodies }};
+{% endif %}
 {% if geared %}
 /* From the joints' velocities to those that drive their friction. */
 static const double SHAFT[N][N] = {{ shaft }};
@@ -191,6 +197,84 @@ static void resist(const double q[N], const double qd[N], const double toward[N]
     }
 }
 
+{% if dynamic %}
+/* Adds the acceleration of a point at `way` from the origin of a body with this angular velocity and acceleration. */
+static void swing(const double spin[3], const double rate[3], const double way[3], double out[3])
+{
+    double a[3], b[3], c[3];
+    cross(rate, way, a);
+    cross(spin, way, b);
+    cross(spin, b, c);
+    for (int k = 0; k < 3; k++)
+        out[k] += a[k] + c[k];
+}
+
+/* Inertia of a body, its axes being the columns of `frame`, times v. */
+static void inertia_times(const double body[11], double frame[3][3], const double v[3], double out[3])
+{
+    const double *b = body + 4;
+    double l[3];
+    for (int k = 0; k < 3; k++)
+        l[k] = frame[0][k] * v[0] + frame[1][k] * v[1] + frame[2][k] * v[2];
+    const double m[3] = {b[0] * l[0] + b[1] * l[1] + b[2] * l[2], b[1] * l[0] + b[3] * l[1] + b[4] * l[2],
+        b[2] * l[0] + b[4] * l[1] + b[5] * l[2]};
+    for (int k = 0; k < 3; k++)
+        out[k] = frame[k][0] * m[0] + frame[k][1] * m[1] + frame[k][2] * m[2];
+}
+
+/* Newton and Euler, base to tip: each link's force and moment, and what they ask of every joint before it. */
+static void accelerate(const double q[N], const double qd[N], const double qdd[N], double current[N])
+{
+    double axis[N][3], origin[N][3], frame[3][3] = {{ "{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}" }};
+    double at[3] = {0.0, 0.0, 0.0}, spin[3] = {0.0, 0.0, 0.0}, rate[3] = {0.0, 0.0, 0.0}, pull[3] = {0.0, 0.0, 0.0};
+    for (int j = 0; j < N; j++) {
+        const double turn = TURNS[j] ? q[j] : 0.0, slide = TURNS[j] ? 0.0 : q[j];
+        const double c = cos(turn), s = sin(turn), *p = PLACED[j], *body = BODY[j];
+        double way[3], z[3], turned[3], moment[3], force[3], couple[3], lever[3], part[3];
+        for (int k = 0; k < 3; k++) {
+            const double x = frame[k][0], y = frame[k][1], last = frame[k][2];
+            const double first = p[0] * x + p[3] * y + p[6] * last, second = p[1] * x + p[4] * y + p[7] * last;
+            z[k] = p[2] * x + p[5] * y + p[8] * last;
+            way[k] = OFFSET[j][0] * x + OFFSET[j][1] * y + OFFSET[j][2] * last + slide * z[k];
+            frame[k][0] = c * first + s * second;
+            frame[k][1] = c * second - s * first;
+            frame[k][2] = z[k];
+        }
+        swing(spin, rate, way, pull);
+        cross(spin, z, turned);
+        for (int k = 0; k < 3; k++) {
+            at[k] += way[k];
+            axis[j][k] = z[k];
+            origin[j][k] = at[k];
+            if (TURNS[j]) {
+                rate[k] += turned[k] * qd[j] + z[k] * qdd[j];
+                spin[k] += z[k] * qd[j];
+            } else {
+                pull[k] += 2.0 * turned[k] * qd[j] + z[k] * qdd[j];
+            }
+            moment[k] = frame[k][0] * body[1] + frame[k][1] * body[2] + frame[k][2] * body[3];
+            force[k] = body[0] * pull[k];
+        }
+        swing(spin, rate, moment, force);
+        inertia_times(body, frame, rate, couple);
+        inertia_times(body, frame, spin, lever);
+        cross(spin, lever, part);
+        cross(moment, pull, turned);
+        for (int k = 0; k < 3; k++)
+            couple[k] += part[k] + turned[k];
+        current[j] = body[10] * qdd[j];
+        for (int i = 0; i <= j; i++) {
+            for (int k = 0; k < 3; k++)
+                lever[k] = at[k] - origin[i][k];
+            cross(lever, force, part);
+            for (int k = 0; k < 3; k++)
+                part[k] += couple[k];
+            current[i] += RATIO[i][j] * dot(axis[i], TURNS[i] ? part : force);
+        }
+    }
+}
+
+{% endif %}
 void {{ name }}_gravity(const double q[N], double current[N])
 {
     posture at;
@@ -215,3 +299,20 @@ void {{ name }}_current(const double q[N], const double qd[N], const double towa
     for (int i = 0; i < N; i++)
         current[i] += friction[i];
 }
+{% if dynamic %}
+
+void {{ name }}_inertia(const double q[N], const double qd[N], const double qdd[N], double current[N])
+{
+    accelerate(q, qd, qdd, current);
+}
+
+void {{ name }}_dynamics(
+    const double q[N], const double qd[N], const double qdd[N], const double toward[N], double current[N])
+{
+    double inertia[N];
+    {{ name }}_current(q, qd, toward, current);
+    accelerate(q, qd, qdd, inertia);
+    for (int i = 0; i < N; i++)
+        current[i] += inertia[i];
+}
+{% endif %}

@@ -37,6 +37,16 @@ void {{ name }}_friction(const double q[{{ NAME }}_JOINTS], const double qd[{{ N
 /* Both of them added. */
 void {{ name }}_current(const double q[{{ NAME }}_JOINTS], const double qd[{{ NAME }}_JOINTS],
     const double toward[{{ NAME }}_JOINTS], double current[{{ NAME }}_JOINTS]);
+{% if dynamic %}
+
+/* The current of inertia, centrifugal and Coriolis forces, rotors included; accelerations qdd in rad/s2 (m/s2). */
+void {{ name }}_inertia(const double q[{{ NAME }}_JOINTS], const double qd[{{ NAME }}_JOINTS],
+    const double qdd[{{ NAME }}_JOINTS], double current[{{ NAME }}_JOINTS]);
+
+/* All three added: inverse dynamics. */
+void {{ name }}_dynamics(const double q[{{ NAME }}_JOINTS], const double qd[{{ NAME }}_JOINTS],
+    const double qdd[{{ NAME }}_JOINTS], const double toward[{{ NAME }}_JOINTS], double current[{{ NAME }}_JOINTS]);
+{% endif %}
 
 #ifdef __cplusplus
 }
