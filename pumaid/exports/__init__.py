@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pumaid.effect_spec import check_parameters
 from pumaid.estimate import Estimate
 from pumaid.exports import formats
-from pumaid.exports.formulas import Bodies, Formulas, Lack, bodies
+from pumaid.exports.equivalent_bodies import Bodies, bodies
+from pumaid.exports.formulas import Formulas, Lack
 from pumaid.results.documents import check_same_recipe
 from pumaid.robot import Robot
 

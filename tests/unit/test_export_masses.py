@@ -8,7 +8,7 @@ import pytest
 
 from pumaid.errors import ModelError
 from pumaid.exports import export
-from pumaid.exports.formulas import read_constants
+from pumaid.exports.equivalent_bodies import read_constants
 from pumaid.simulation import draw
 from tests.exported import fitted, motions, predicted, robot_called
 from tests.worlds import random_arm

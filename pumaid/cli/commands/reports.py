@@ -192,7 +192,7 @@ def export(
       pumaid export results/model.json --format urdf --torque-constants 2=31.5
     """
     from pumaid import exports
-    from pumaid.exports.formulas import read_constants
+    from pumaid.exports.equivalent_bodies import read_constants
 
     to_pipe, forms = output is not None and str(output) == "-", exports.every_form()
     if form not in forms:

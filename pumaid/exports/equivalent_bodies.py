@@ -1,0 +1,237 @@
+"""Torque constants, and masses and centres of mass whose weight then asks of every joint what the model asks."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from pumaid.errors import ModelError, Where
+from pumaid.exports.formulas import Formulas
+from pumaid.maths import Floats
+from pumaid.model import minimal
+from pumaid.robot import Robot, turn_of_z
+from pumaid.simulation.virtual_robot import Links, carried_moment, gravity_load, link_of
+
+#: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.
+LIGHTEST = 0.02
+#: m; the centre of mass of a link lies this far from its axis, or as far as the next joint, where its mass is free.
+REACH = 0.15
+#: Share of what a slide carries, less the links beyond, that the next link before those may have at most.
+CARRIED = 0.5
+#: kg/m3 of the ball whose moment of inertia stands in for the link's.
+DENSITY = 2700.0
+#: Random postures in which the weight of the bodies is held against the model, with this seed.
+POSTURES, SEED = 200, 0
+#: Share of a joint's load below which a difference is rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bodies:
+    """A chain of rigid bodies in frames of the recipe, its torque constants, its friction, and how it is mounted.
+
+    `friction` and `damping` are means of both directions, never negative. `inertias` are fictitious, of a ball of
+    aluminium of that mass. `mount` turns axes of the base into those of a world in which gravity is along -z. `remarks`
+    are for the user.
+    """
+
+    masses: Floats  # (J,) kg
+    centres: Floats  # (J, 3) m, each in its link's frame
+    inertias: Floats  # (J,) kg m2 about every axis through the centre of mass
+    torques: Floats  # (J,) N m/A or N/A
+    friction: Floats  # (J,) N m or N
+    damping: Floats  # (J,) N m s/rad or N s/m
+    mount: Floats  # (3, 3)
+    remarks: tuple[str, ...]
+
+
+def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
+    """Bodies with the model's weight, by the torque constants of some joints (from 1), N m/A or N/A, none zero.
+
+    A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
+    centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
+    contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is reported.
+    ModelError [torque-constants]: a slide carries less than nothing, or less than a slide beyond it.
+
+    Source
+    ------
+    S.-K. Lin, eq. (13)-(15), solved for m_i c_i.
+    """
+    robot = formulas.robot
+    torques, remarks = _constants(formulas, given)
+    wanted = formulas.moments * torques[:, None]
+    carried, hidden = _carried(formulas, torques)
+    masses, centres = _links(robot, wanted, carried=carried)
+    plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
+    rise, g = formulas.viscous.mean(axis=1) * torques, np.array(robot.gravity, dtype=float)
+    remarks += hidden
+    for i in range(len(torques) - 1):
+        ratio, stated = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
+        if ratio != 0.0 and abs(stated - ratio) > ROUNDING * abs(ratio):
+            way = " (of the other sign)" if stated * ratio < 0.0 else ""
+            remarks.append(
+                f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {stated:.4g}{way}, the"
+                f" logs say {ratio:.4g}"
+            )
+    remarks += _off(formulas, torques, masses, centres=centres)
+    remarks += [
+        f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0"
+        for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1
+    ]
+    return Bodies(
+        masses=masses,
+        centres=centres,
+        inertias=0.4 * masses * (3.0 * masses / (4.0 * np.pi * DENSITY)) ** (2.0 / 3.0),
+        torques=torques,
+        friction=np.maximum(0.5 * (plus - minus), 0.0),
+        damping=np.maximum(rise, 0.0),
+        mount=turn_of_z(-g).T if g.any() else np.eye(3),
+        remarks=tuple(remarks),
+    )
+
+
+def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
+    """(J,) kg that each slide carries, NaN where that is free; and what is to be said."""
+    robot, said = formulas.robot, []
+    out = np.full(robot.n_joints, np.nan)
+    structure = minimal(robot)
+    z = robot.rotations(np.zeros((1, robot.n_joints)))[0, :, :, 2]
+    lacking = {lack.name for lack in formulas.undetermined}
+    last = 0.0
+    for joint in reversed([joint.number for joint in robot.joints if not joint.is_revolute]):
+        i, mass = joint - 1, formulas.moments[joint - 1, 0] * torques[joint - 1]
+        if joint in structure.embodied:
+            mass = -0.5 * formulas.coulomb[i].sum() * torques[i] / float(z[i] @ np.array(robot.gravity))
+            if mass <= last:
+                said.append(f"joint {joint}: its load is part of its Coulomb friction and cannot be told as a mass")
+                continue
+            said.append(
+                f"joint {joint}: its load is part of its Coulomb friction; the mean of both directions, a mass of"
+                f" {mass:.4g} kg, is written as its weight"
+            )
+        elif f"gravity.l{joint}.mass" in structure.absent or (f"gravity.l{joint}.mass" in lacking and mass <= last):
+            continue
+        elif mass <= last:
+            beyond = f", and a slide beyond it carries {last:.4g} kg" if last else ""
+            raise ModelError(
+                "torque-constants",
+                f"joint {joint} would carry {mass:.4g} kg{beyond}: no masses weigh that",
+                Where(joint=joint),
+                "check the sign of its torque constant, or write a form without masses (c, python, json, matlab)",
+            )
+        out[i] = last = mass
+    return out, said
+
+
+def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Floats]:
+    """(J,) masses and (J, 3) centres of mass, tip to base."""
+    n, absent = robot.n_joints, minimal(robot).absent
+    unfelt = [f"gravity.l{joint.number}.x" in absent for joint in robot.joints]
+    turns = robot.is_revolute
+    largest = float(np.abs(wanted[turns]).max(initial=0.0)) / 0.3
+    least = LIGHTEST * (max(largest, float(np.nanmax(carried, initial=0.0))) or 1.0)
+    masses, centres = np.zeros(n), np.zeros((n, 3))
+    k = np.zeros(3)  # the constant first moment about the joint beyond, in the frame beyond
+    for i in reversed(range(n)):
+        rest, step = np.zeros(3), 0.0
+        if i < n - 1:
+            rest = carried_moment(robot, i, masses.sum(), k=k)
+            step = float(np.linalg.norm(link_of(robot, i)))
+        need, outer = wanted[i] - rest[:2], masses.sum()
+        limits = carried[:i][np.isfinite(carried[:i])]  # of the slides before it, the last of which counts
+        heaviest = CARRIED * (limits[-1] - outer) if limits.size else np.inf
+        if turns[i] and not unfelt[i]:
+            masses[i] = min(max(least, float(np.hypot(*need)) / max(REACH, step)), heaviest)
+            centres[i, :2] = need / masses[i]
+        else:
+            masses[i] = min(least, heaviest) if turns[i] or np.isnan(carried[i]) else carried[i] - outer
+        k = masses[i] * centres[i] + rest
+    return masses, centres
+
+
+def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> Iterator[str]:
+    """Joints in which the bodies weigh something else than the model says, with how much."""
+    robot = formulas.robot
+    span = np.where(robot.is_revolute, np.pi, 0.5)
+    rng = np.random.default_rng(SEED)
+    position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
+    wanted = formulas.weight(position) * torques
+    off = gravity_load(robot, Links(masses, centres), position)[0] - wanted
+    scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
+    sizes, loads = (np.sqrt(np.mean(values**2, axis=0)) for values in (off, wanted))
+    hidden = minimal(robot).embodied
+    for joint, size, load in zip(robot.joints, sizes, loads, strict=True):
+        if joint.number not in hidden and size > ROUNDING * scale:
+            unit = "N m" if joint.is_revolute else "N"
+            yield (
+                f"joint {joint.number}: the masses ask {size:.3g} {unit} RMS more or less than the model, whose load is"
+                f" {load:.3g} {unit} RMS there"
+            )
+
+
+def read_constants(text: str, joints: int) -> dict[int, float]:
+    """Joint (from 1) -> N m/A, or N/A of a slide, from ``k1,k2,...`` of all joints or ``2=31.5,...`` of some of them.
+
+    A ModelError [torque-constants] says that it is neither, or not of this arm, or that a constant is zero.
+    """
+    words, constants = [word.rpartition("=") for word in text.split(",")], dict[int, float]()
+    with suppress(ValueError):
+        constants = {
+            int(joint) if is_named else place: float(value)
+            for place, (joint, is_named, value) in enumerate(words, start=1)
+        }
+    is_complete = len(constants) == len(words) and ("=" in text or len(words) == joints)
+    are_numbers = all(math.isfinite(value) and value != 0.0 for value in constants.values())
+    if not (is_complete and are_numbers and set(constants) <= set(range(1, joints + 1))):
+        raise ModelError(
+            "torque-constants",
+            f"{text!r} is not one torque constant a joint, none of them zero, for {joints} joints",
+            Where(field="--torque-constants"),
+            "write as many numbers as the arm has joints (k1,k2,...), or JOINT=NUMBER,... for some of them",
+        )
+    return constants
+
+
+def _constants(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, list[str]]:
+    """(J,) torque constants of all joints, given those of some (from 1), and what is to be said of them.
+
+    A joint that is not in `given` gets its constant from the nearest that has one, by the identified ratio of gains.
+    Where nothing is given, the largest of the joints that are tied by ratios is 1, with the sign by which friction
+    opposes motion.
+    """
+    n, remarks = formulas.robot.n_joints, list[str]()
+    out = np.array([given.get(joint, np.nan) for joint in range(1, n + 1)])
+    _spread(out, formulas.ratios)
+    if len(given) < np.isfinite(out).sum():
+        remarks.append("torque constants that were not given follow from the identified ratios of gains")
+    for joint in range(n):
+        if np.isfinite(out[joint]):
+            continue
+        group = np.full(n, np.nan)
+        group[joint] = 1.0
+        _spread(group, formulas.ratios)
+        tied = np.isfinite(group) & np.isnan(out)
+        opposing = np.nansum(np.where(tied, group, 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
+        out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
+        numbers = [str(place + 1) for place in np.flatnonzero(tied)]
+        which = f"joint{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
+        rest = ", the others follow from the identified ratios of gains" if len(numbers) > 1 else ""
+        remarks.append(
+            f"no torque constant of {which} was given: the largest there is taken as 1 N m/A (N/A){rest}; torques and"
+            " masses there are right but for one factor (--torque-constants JOINT=K)"
+        )
+    return out, remarks
+
+
+def _spread(constants: Floats, ratios: Floats) -> None:
+    """Fill in, outward from joints that are known, those that a ratio ties to one of them; nearest first."""
+    n = len(constants)
+    pairs = sorted(itertools.permutations(range(n), 2), key=lambda pair: abs(pair[0] - pair[1]))
+    for _ in range(n):
+        for source, joint in pairs:
+            ratio = ratios[min(source, joint), max(source, joint)]
+            if np.isfinite(constants[source]) and np.isnan(constants[joint]) and ratio != 0.0:
+                constants[joint] = constants[source] * (ratio if joint > source else 1.0 / ratio)
