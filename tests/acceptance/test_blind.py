@@ -106,7 +106,7 @@ def test_a_clean_arm_is_fitted_to_the_noise_and_left_alone(tmp_path):
     assert diagnosis.findings == () and "unexplained" not in [joint.verdict for joint in diagnosis.joints]
 
 
-@pytest.mark.parametrize(("group", "name", "kind"), [("thin", "spring", "puma"), ("effect", "position_friction", "ur")])
+@pytest.mark.parametrize(("group", "name", "kind"), [("thin", "ripple", "puma"), ("effect", "position_friction", "ur")])
 def test_a_hidden_effect_is_named(group, name, kind):
     """At three times its limit, in the thin and the full design, named first or in a set of at most two."""
     record = judged(Case(group, (name,), kind, 3.0, 0, 7))
