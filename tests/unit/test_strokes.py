@@ -124,16 +124,16 @@ def motions(joint: int) -> list[Motion]:
 
 
 @cache
-def logged(seed: int) -> Dataset:
+def logged() -> Dataset:
     """What a robot in closed loop logs of the plan, twice over, its joint 1 with Stribeck friction."""
-    truth = draw(PENDULUM, seed).hiding((parse(f"stribeck@1:velocity={VELOCITY},exponent=1", PENDULUM),))
+    truth = draw(PENDULUM, 0).hiding((parse(f"stribeck@1:velocity={VELOCITY},exponent=1", PENDULUM),))
     plan = Plan(PENDULUM.name, tuple(2 * (motions(1) + motions(2))))
-    return segment(simulate(truth.robot, plan, truth=truth, seed=seed, rate=100.0), PENDULUM)
+    return segment(simulate(truth.robot, plan, truth=truth, seed=0, rate=100.0), PENDULUM)
 
 
-def fitted(seed: int, kinds: tuple[str, ...]) -> Fit:
+def fitted(kinds: tuple[str, ...]) -> Fit:
     """The fit of runs of some kinds, its friction with the hidden velocity."""
-    runs = [run for run in logged(seed).runs if run.kind in kinds]
+    runs = [run for run in logged().runs if run.kind in kinds]
     wanted = expanded([EffectChoice("stribeck", 1, {"exponent": 1.0, "velocity": VELOCITY})], PENDULUM)
     return fit_effects(Model.of_runs(PENDULUM, runs), runs, wanted, begun=first_motions(runs)).fit
 
@@ -141,14 +141,13 @@ def fitted(seed: int, kinds: tuple[str, ...]) -> Fit:
 @pytest.mark.slow
 def test_the_hidden_velocity_is_within_its_interval():
     """The Stribeck velocity of a robot in closed loop is found although strokes are among its runs."""
-    low, high = identify(logged(0), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95
+    low, high = identify(logged(), PENDULUM, effects=[FREE]).value("stribeck.j1.velocity").ci95
     assert low <= VELOCITY <= high < 2.0 * low
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_strokes_do_not_pass_for_noise_of_other_runs(seed):
+def test_strokes_do_not_pass_for_noise_of_other_runs():
     """A joint's noise at constant speed is with strokes what it is without them."""
-    alone, both = (fitted(seed, kinds) for kinds in (("constant",), ("constant", "stroke")))
+    alone, both = (fitted(kinds) for kinds in (("constant",), ("constant", "stroke")))
     noises = [fit.noises[2].spread[~fit.by_bin[2].bins.accelerates] for fit in (alone, both)]
     # Equations of 24 runs know a variance to some 15 %.
     assert np.mean(noises[1] ** 2) == pytest.approx(np.mean(noises[0] ** 2), rel=0.3)
