@@ -5,18 +5,28 @@ import contextlib
 import shlex
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import numpy as np
 import pyarrow.parquet as pq
 from click.testing import CliRunner
+from free_motion import picks, reach, recorded
 from ruamel.yaml import YAML
 
 from pumaid.cli import group
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import write_log
+from pumaid.results.documents import as_text
+from pumaid.results.truth_file import as_json
+from pumaid.robot import Robot
+from pumaid.simulation import draw
+from pumaid.simulation.hidden_effects import parse
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 
@@ -38,12 +48,26 @@ def make(sample: dict[str, Any], root: Path) -> Path:
             if done.exit_code:
                 raise SystemExit(f"{command!r} left with {done.exit_code}:\n{done.output}")
     robot = read_recipe(folder / "recipe.yaml")
+    if "work" in sample:
+        log_work(sample, folder / "logs", robot)
     for name in sample["as_csv"]:
         path = folder / "logs" / f"{name}.parquet"
         write_log(path.with_suffix(".csv"), LogReader(path, robot), robot)
         path.unlink()
     (folder / "logs" / "truth.json").rename(folder / "truth.json")
     return folder
+
+
+def log_work(sample: dict[str, Any], logs: Path, robot: Robot) -> None:
+    """Logs of an arm whose joints all move from place to place, and its truth."""
+    truth, rng = draw(robot, sample["seed"]), np.random.default_rng(sample["seed"])
+    truth = truth.hiding([parse(text, robot) for text in sample["hide"]])
+    logs.mkdir()
+    for name, seconds in sample["work"].items():
+        log = recorded(truth, picks(rng, seconds, reach(robot)), rng, counts=2e4)
+        log = replace(log, position=np.round(log.position, 5), current=np.round(log.current, 3))
+        write_log(logs / f"{name}.parquet", [log], robot)
+    (logs / "truth.json").write_text(as_text(as_json(truth, seed=sample["seed"])), encoding="utf-8")
 
 
 def contents(folder: Path) -> dict[str, object]:

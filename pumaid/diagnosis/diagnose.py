@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import CONSTANT, Dataset, Run, first_motions
+from pumaid.dataset import CONSTANT, STROKE, Dataset, Run, first_motions
 from pumaid.diagnosis.candidates import Candidates, Suspect
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.detection_limits import detection_limits
@@ -107,7 +107,9 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
         f"{speeds} speed{'s' if speeds > 1 else ''} only: effects of speed are absorbed": speeds < 3,
         "three speeds only: an effect of speed shows its height there, not its course between": speeds == 3,
         direction: len(directions) == 1,
-        "strokes from rest to rest: speed, position and start of a run change together": bool(bins.accelerates.any()),
+        "strokes from rest to rest: speed, position and start of a run change together": any(
+            r.kind == STROKE for r in bins.runs
+        ),
         "one joint only: gravity's loads cannot be checked against other joints": len({r.joint for r in runs}) == 1,
     }
     return tuple(text for text, holds in claims.items() if holds)
@@ -115,6 +117,8 @@ def weakened(bins: JointBins, runs: Sequence[Run]) -> tuple[str, ...]:
 
 #: Bins over a span: narrow enough for the shapes of the catalogue, wide enough to hold several runs each.
 FINE, COARSE = 32, 16
+#: Share of the speed by which bins of a run at constant speed differ from its mean at most.
+SAME_SPEED = 0.1
 #: Of a family of effects, the variable that shows it; a family that is not named is shown by what the effect itself
 #: adds.
 VARIABLES = {
@@ -199,10 +203,11 @@ def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         return Axis("position within one period", unit, np.mod(position, period), FINE, period)
-    run = np.unique(samples.run, return_inverse=True)[1]
-    speed = np.bincount(run, np.abs(samples.velocity[:, column])) / np.bincount(run)
+    run, speed = np.unique(samples.run, return_inverse=True)[1], np.abs(samples.velocity[:, column])
+    mean = (np.bincount(run, speed) / np.bincount(run))[run]
+    is_constant = float(np.median(np.abs(speed - mean))) < SAME_SPEED * float(np.median(speed))
     axes = {
-        "speed": Axis("speed", f"{unit}/s", speed[run], None),
+        "speed": Axis("speed", f"{unit}/s", *((mean, None) if is_constant else (speed, COARSE))),
         "position": Axis("position", unit, position, FINE),
         "travel": Axis("travel since the motion began", unit, samples.travel, FINE),
         "time": Axis("time since the first motion", "s", samples.time),

@@ -1,6 +1,6 @@
 """A virtual arm of rigid bodies in MuJoCo, driven by motor currents, with friction and hidden effects of its own."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -132,15 +132,17 @@ class RigidArm:
     friction act at the joints; a payload is a body that comes at its time; what stands elsewhere than the encoders
     tell (an offset, a drive that sags) is in `reading`.
 
-    The engine steps by `step` s. It holds Coulomb friction against the shafts, `Truth.breakaway` times that at rest.
+    The engine steps by `step` s. `grip` gives of the shafts' velocity (J,) the (J,) times Coulomb friction that the
+    engine holds against them (docs/gallery has a law of its own); else `Truth.breakaway` at rest and 1 in motion.
     `model` and `data` are MuJoCo's own, and so are `position` (J,) rad or m and `velocity` (J,), the joints' exact
     ones; `state` is what hidden effects depend on, whose `time`, `first` and `temperature` the caller sets.
     """
 
-    def __init__(self, truth: Truth, *, step: float) -> None:
+    def __init__(self, truth: Truth, *, step: float, grip: Callable[[Floats], Floats] | None = None) -> None:
         self.step, n = step, truth.robot.n_joints
         friction, self._gain, self._coulomb = truth.friction, truth.gain, truth.coulomb
         self._uneven = 0.5 * (friction.coulomb_plus + friction.coulomb_minus)
+        self._grip = grip or (lambda v: np.where(np.abs(v) < STILL, truth.breakaway, 1.0))
         self._shafts = truth.robot.shaft_speeds
         self._shares = np.linalg.inv(self._shafts)
         self._offset = values_of(truth.hidden, "zero_offset", "delta", n_joints=n)
@@ -205,7 +207,7 @@ class RigidArm:
         """Friction and loads where the arm is now; friction knows the weight of a step before."""
         v, state = self.shaft_velocity, self.state
         rests = np.abs(v) < STILL
-        dry = self._coulomb * np.where(rests, self.truth.breakaway, 1.0)
+        dry = self._coulomb * self._grip(v)
         if self._acting:
             state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, v), self.load
             self._departure[rests] = state.position[rests]

@@ -328,3 +328,15 @@ def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kep
         assert "Added spring at joint 1 (joint 1) (these data do not separate it from counterbalance)." in told[0]
     else:
         assert "from 0.0200 A to 0.0240 A" in told[0]
+
+
+def test_where_speed_varies_within_runs_it_is_drawn_bin_by_bin():
+    """What falls with the speed of the moment shows as such, not over the mean speed of a run."""
+    samples = lever().bins()[0].samples
+    swing = np.random.default_rng(2).uniform(0.1, 1.9, len(samples))
+    samples = replace(samples, velocity=samples.velocity * swing[:, None])
+    speed, effect = np.abs(samples.velocity[:, 0]), EffectTerm(catalogue()["stribeck"], 1, {"velocity": 0.2})
+    picture = curve(LEVER, samples, before=np.exp(-speed / 0.2), trials=[(effect, 0.0 * speed)])
+    for side in picture.sides:
+        assert side.before == pytest.approx(np.exp(-side.centres / 0.2), abs=0.05)
+        assert side.centres[-1] > 0.85 * speed.max()

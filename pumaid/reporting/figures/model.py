@@ -182,9 +182,10 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     fitted, heldout, floor = np.column_stack([values, values[:, -1]])
     axes.step(edges, fitted, where="post", color=FORWARD, linewidth=2.4, label="fitted runs")
     axes.step(edges, heldout, "--", where="post", color=BACKWARD, linewidth=2.4, label="held-out runs")
-    axes.fill_between(
-        edges, 0.0, floor, step="post", label="noise floor", color=GREY, alpha=0.28, linewidth=0, zorder=0
-    )
+    if np.isfinite(floor).any():
+        axes.fill_between(
+            edges, 0.0, floor, step="post", label="noise floor", color=GREY, alpha=0.28, linewidth=0, zorder=0
+        )
     axes.set(ylim=(0.0, 1.18 * np.nanmax(values, initial=0.0) or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
     labels, room = [], int(LETTERS * width / len(path))
     for before, rung in zip((None, *path), path, strict=False):
