@@ -19,7 +19,7 @@ from pumaid.io.plan_file import find_plan, read_plan
 from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes
 from pumaid.io.write import write_file
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
-from pumaid.preprocessing.replicates import hold_out, match_with_plan
+from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 from pumaid.results.documents import check_same_recipe, read_model
 from pumaid.robot import Robot
 

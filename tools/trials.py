@@ -39,7 +39,7 @@ from pumaid.effects import catalogue
 from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
-from pumaid.preprocessing.replicates import match_with_plan
+from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.robot import Robot
 from pumaid.simulation import Bench, Hidden, Noise, Truth, draw, table1
 from pumaid.trajectory import Motion, Plan, duration

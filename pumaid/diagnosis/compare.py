@@ -29,7 +29,8 @@ from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Counts, Floats
 from pumaid.model import KNOWN_LOAD
-from pumaid.preprocessing.replicates import held_out_otherwise, noise_floor, pairs
+from pumaid.preprocessing.hold_out import held_out_otherwise
+from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.results.documents import check_same_recipe
 from pumaid.robot import Joint, Robot
 

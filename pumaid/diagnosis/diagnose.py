@@ -50,7 +50,7 @@ from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
-from pumaid.preprocessing.replicates import held_out_otherwise
+from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.results.documents import check_same_recipe, model_digest
 from pumaid.robot import Robot
 

@@ -9,16 +9,8 @@ import numpy as np
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, spans
 from pumaid.errors import PumaidError, Where, listed
 from pumaid.maths import Counts, Floats
-from pumaid.preprocessing.differentiate import (
-    Cells,
-    Ticks,
-    cell_length,
-    cells,
-    position_noise,
-    slopes,
-    stroke_bins,
-    velocity,
-)
+from pumaid.preprocessing.differentiate import Ticks, slopes, velocity
+from pumaid.preprocessing.parallel_filter import Cells, cell_length, cells, position_noise, stroke_bins
 from pumaid.rigid_body import RigidBody
 from pumaid.robot import Robot
 from pumaid.units import number

@@ -16,7 +16,8 @@ from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Log, Reject, Run, c
 from pumaid.errors import Note, Where
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.binning import DEFAULTS, LARGEST, Piece, SegmentOptions, Stretch, record, sliding
-from pumaid.preprocessing.differentiate import Ticks, round_half_up, sampling_times, slopes, usual_step
+from pumaid.preprocessing.clock import sampling_times
+from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 

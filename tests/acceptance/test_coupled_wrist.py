@@ -15,7 +15,7 @@ from pumaid.design.plan import plan
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.model import minimal
-from pumaid.preprocessing.replicates import match_with_plan
+from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.preprocessing.segment import segment
 from pumaid.simulation import Bench, draw, simulate, table1
 from pumaid.trajectory import Plan

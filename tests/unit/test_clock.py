@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pumaid.preprocessing.differentiate import GROUP, sampling_times
+from pumaid.preprocessing.clock import GROUP, sampling_times
 
 
 def arm(rate, *, seed=0, jitter=0.0, seconds=60.0, encoder=1e-5, speed=1.2):

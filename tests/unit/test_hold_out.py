@@ -9,7 +9,7 @@ import worlds
 from pumaid.dataset import Dataset
 from pumaid.errors import LogError
 from pumaid.io.paths import chosen_logs
-from pumaid.preprocessing.replicates import hold_out, match_with_plan
+from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 from pumaid.simulation import Bench, table1
 from pumaid.trajectory import Motion, Plan
 

@@ -8,7 +8,7 @@ from test_rigid_body import engine, torques
 from pumaid.dataset import Log
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.binning import SegmentOptions
-from pumaid.preprocessing.differentiate import LONGEST_CELL, SHORTEST_CELL, cell_length, cells
+from pumaid.preprocessing.parallel_filter import LONGEST_CELL, SHORTEST_CELL, cell_length, cells
 from pumaid.preprocessing.segment import segment
 from pumaid.rigid_body import base_parameters
 

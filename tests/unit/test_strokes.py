@@ -15,7 +15,7 @@ from pumaid.estimation.nonlinear import fit_effects, search_bounds
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.binning import SegmentOptions, sliding
-from pumaid.preprocessing.differentiate import stroke_bins
+from pumaid.preprocessing.parallel_filter import stroke_bins
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import EffectChoice, Joint, Robot
 from pumaid.simulation import draw, simulate

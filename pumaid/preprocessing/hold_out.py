@@ -1,0 +1,129 @@
+"""Runs that are kept for judging a model: by the plan, by file, or each joint's last posture."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pumaid.dataset import BLOCK, STROKE, Dataset, Run
+from pumaid.errors import LogError, Note, Where, listed
+from pumaid.estimate import Estimate
+from pumaid.robot import posture_groups
+from pumaid.trajectory import Plan
+
+#: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.
+PLANNED_POSTURE = 0.05
+#: Speeds within this share are the planned one; least mean speed of a stroke, whose mean holds the ramps.
+PLANNED_SPEED, STROKE_SPEED = 0.10, 0.4
+#: Share of a run's travel that must lie inside the planned span.
+INSIDE = 0.5
+#: Missing motions, and files, that are named.
+MOST_NAMED = 4
+#: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
+FEWEST_POSTURES = 4
+#: A posture counts if it has this share of the runs of the joint's most used one.
+MEANT = 0.25
+
+
+def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
+    """Mark the runs that the plan keeps for judging.
+
+    A run is a planned motion where joint, posture, direction and speed (within 10 %; of a stroke, whose mean holds the
+    ramps, no less than 40 %) agree and at least half of its way lies in the planned span. Of several such motions the
+    nearest in speed and way counts; a run that fits none is left as it is. A note tells planned motions that were
+    not found.
+    """
+    motions = plan.motions
+    if not dataset.runs or not motions:
+        return dataset
+    purposes = np.array([motion.purpose for motion in motions])
+    moved, hold = np.array([motion.joint for motion in motions]), np.array([motion.hold for motion in motions], float)
+    ends = np.array([(motion.start, motion.end) for motion in motions])
+    velocity = np.array([motion.velocity for motion in motions]) * np.sign(ends @ [-1.0, 1.0])
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    runs, missing = [], np.ones(len(motions), dtype=np.bool_)
+    for run in dataset.runs:
+        share, (first, last) = run.speed / velocity, sorted(run.span)
+        slower = np.abs(share - 1.0)
+        if run.kind == STROKE:
+            slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
+        shared = np.minimum(high, last) - np.maximum(low, first)
+        whole = np.maximum(high, last) - np.minimum(low, first)
+        off = np.abs(np.delete(hold - run.posture, run.joint - 1, axis=1)).max(axis=1, initial=0.0)
+        fits = (moved == run.joint) & (off <= PLANNED_POSTURE) & (slower <= PLANNED_SPEED)
+        fits &= shared >= INSIDE * (last - first)
+        away = np.where(fits, slower / PLANNED_SPEED + 1.0 - shared / whole, np.inf)
+        if not np.isfinite(away).any() or run.kind == BLOCK:
+            runs.append(run)
+            continue
+        purpose = purposes[int(np.argmin(away))]
+        runs.append(replace(run, heldout=bool(purpose == "heldout")))
+        # Repeats of a motion are as near: each is found once, and a run too many counts for another that it fits.
+        free = np.where(missing & (purposes == purpose), away, np.inf)
+        missing[int(np.argmin(free))] &= not np.isfinite(free).any()
+    lost = np.flatnonzero(missing).tolist()
+    named = [f"run {k + 1} (joint {motions[k].joint} {'down' if velocity[k] < 0 else 'up'})" for k in lost]
+    text = f"{len(lost)} of {len(motions)} planned runs are not in the logs: {listed(named, MOST_NAMED)}"
+    notes = [*dataset.notes, *([Note("plan-run-missing", text)] if lost else [])]
+    return replace(dataset, runs=tuple(runs), notes=tuple(notes))
+
+
+def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:
+    """Mark more runs as held out, whole files or whole postures at a time, so that no run is fitted in part.
+
+    Held out are all runs of `files` (as in `Dataset.files`); with `postures`, of every joint with at least four
+    postures, all runs at the one that was run last. Runs that the plan holds out stay so; a note counts.
+
+    Raises
+    ------
+    LogError [heldout-nothing]
+        No run is meant: the files hold none, or no joint has postures to spare; or no run of a joint would be left to
+        fit.
+    """
+    chosen = {number for number, run in enumerate(dataset.runs) if run.origin in files}
+    if files and not chosen:
+        where = Where(file=sorted(files)[0])
+        raise LogError("heldout-nothing", f"there is no run in {listed(sorted(files))}", where, "name other files")
+    chosen |= _last_postures(dataset.runs) if postures else set()
+    runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(dataset.runs))
+    for joint in sorted({runs[number].joint for number in chosen}):
+        moving = [run for run in runs if run.joint == joint]
+        if all(run.heldout for run in moving):
+            what = f"all {len(moving)} runs of joint {joint} would be held out, and none fitted"
+            mend = f"keep one of the files for fitting in which it moves: {listed(sorted({r.origin for r in moving}))}"
+            raise LogError("heldout-nothing", what, Where(joint=joint), mend)
+    fitted = sum(not run.heldout for run in runs)
+    text = f"{len(runs) - fitted} runs are held out, {len(chosen)} of them as was asked; {fitted} are left to fit"
+    return replace(dataset, runs=runs, notes=(*dataset.notes, Note("held-out", text)))
+
+
+def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
+    """A note where a model's own logs are divided into fitted and held-out runs in another way than for its fit.
+
+    The estimate says how many runs of each joint were fitted and held out, not which; of other logs it says nothing.
+    """
+    is_its_own = {facts.digest for facts in dataset.files} == set(estimate.logs.values())
+    changed = []
+    for fit in estimate.joints if is_its_own else ():
+        marks = [run.heldout for run in dataset.of_joint(fit.joint)]
+        changed += [str(fit.joint)] * (len(marks) == fit.runs + fit.heldout_runs and sum(marks) != fit.heldout_runs)
+    text = (
+        f"other runs of joint {', '.join(changed)} are held out than when the model was fitted. Scores of held-out runs"
+        " are therefore wrong; was the plan changed, or --heldout used only once?"
+    )
+    return [Note("held-out-otherwise", text)] if changed else []
+
+
+def _last_postures(runs: Sequence[Run]) -> set[int]:
+    """Indices of each joint's runs at the posture that was first taken last, where there are enough postures."""
+    last: set[int] = set()
+    for joint in sorted({run.joint for run in runs}):
+        numbers = [number for number, run in enumerate(runs) if run.joint == joint and not run.heldout]
+        groups = posture_groups(np.array([runs[number].posture for number in numbers]), PLANNED_POSTURE)
+        most_used = max(map(len, groups), default=0)
+        groups = [group for group in groups if len(group) >= MEANT * most_used]
+        last |= {numbers[k] for k in groups[-1]} if len(groups) >= FEWEST_POSTURES else set()
+    if not last:
+        what = f"no joint was run in {FEWEST_POSTURES} postures, so none can be spared"
+        raise LogError("heldout-nothing", what, mend="hold out files, or run more postures")
+    return last

@@ -1,0 +1,238 @@
+"""Parallel filtering: motion, currents and every column of the rigid body pass one filter, of a stroke or in cells."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pumaid.dataset import Bins, Log, finite_means, spans
+from pumaid.maths import Floats
+from pumaid.preprocessing.differentiate import averaging_kernel, cubic_window
+from pumaid.rigid_body import RigidBody
+
+#: Bins of a stroke at most.
+MOST_BINS = 512
+#: Position, velocity and acceleration by the step, convolved from five positions; equally blunt: all have the same
+#: second moment, a sixth of a squared step.
+LEVEL = np.array([0.0, 1.0, 10.0, 1.0, 0.0]) / 12.0
+RATE = np.array([-1.0, 14.0, 0.0, -14.0, 1.0]) / 24.0
+CURVE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
+#: Samples below which a stroke is not filtered; with some currents missing, averages of fewer leave too few rows.
+FEWEST, FEWEST_OF_SOME = 16, 32
+#: Mean steps between currents from which there is a hole between two of them.
+MOST_APART = 2.5
+#: Largest share of an acceleration's own course, beyond weight and friction, that is taken for noise.
+MOST_NOISE = 0.9
+#: Samples between which noise is looked for.
+LAGS = (1, 2, 3, 5)
+
+#: Samples whose regressor is made at once.
+CHUNK = 2048
+#: Means over one cell, one after another: their impulse response is a quadratic B-spline, three cells long.
+ROUNDS = 3
+#: s; shortest and longest cell of a block: currents hold little beyond 20 Hz that bodies cause, motion of arms little
+#: beyond 5 Hz.
+SHORTEST_CELL, LONGEST_CELL = 0.024, 0.12
+#: Noise of a cell's acceleration, as a share of the joint's RMS acceleration, that encoders may leave. Its square is
+#: the share by which inertia comes out too small, itself the error that thousands of cells average to.
+ACCELERATION_NOISE = 0.005
+#: rad/s or m/s, below which a joint may stick: cells that hold a slower sample of it say nothing of its current.
+STICKING = 0.05
+#: Share of the steps' mean by which sampling may be uneven; beyond it positions are interpolated.
+UNEVEN = 1e-3
+
+
+def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | None:
+    """Bins of a stroke, its motion and current averaged over the same spans; None where currents are too few.
+
+    `log` holds its N samples, currents that are missing NaN; `time` (N,) s is when they were taken.
+
+    An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
+    it, sharp currents make inertia, weight and viscous friction too large. With the average that the acceleration is
+    by nature, of all columns and of the current, least squares returns the truth whatever the motion.
+    A ripple that is faster than the filter stays in the current; what remains of it counts as scatter inside bins.
+
+    Source
+    ------
+    M. Gautier, Dynamic identification of robots with power model, ICRA 1997: parallel filtering, here by the kernel
+    of A. Savitzky and M. J. E. Golay's second derivative.
+    """
+    position, current = log.position[:, joint - 1], log.current[:, joint - 1]
+    measured = np.isfinite(current)
+    at = time[measured]
+    if len(at) < (FEWEST if measured.all() else FEWEST_OF_SOME):
+        return None
+    # As many instants as there are currents: interpolated ones would be smoother than they are.
+    even = np.linspace(at[0], at[-1], len(at))
+    step = float(even[1] - even[0])
+    kernel = averaging_kernel(min(cubic_window(window, step), len(at) // 4 * 2 + 1))
+    q, sampled = np.interp(even, time, position), np.interp(even, at, current[measured])
+    level, rate, curve = (np.convolve(kernel, part) for part in (LEVEL, RATE, CURVE))
+    rate, curve = rate / step, curve / step**2
+    motion = np.column_stack([np.convolve(q, weights, mode="valid") for weights in (level, rate, curve)])
+    smoothed = np.convolve(sampled, level, mode="valid")
+    inner = slice(len(level) // 2, len(at) - len(level) // 2)
+    # What is interpolated across a hole is no row.
+    right = np.clip(np.searchsorted(at, even[inner]), 1, len(at) - 1)
+    rows = at[right] - at[right - 1] < MOST_APART * step if not measured.all() else np.ones(len(right), np.bool_)
+    plain, instants = sampled[inner][rows], even[inner][rows]
+    filtered = (smoothed + _without_motion(sampled[inner] - smoothed, motion, kernel))[rows]
+    starts, count = spans(instants, MOST_BINS)
+    means = finite_means(np.column_stack([instants - instants[0], motion[rows], filtered]), starts)
+    bin_time, (moving, speed, acceleration, binned) = instants[0] + means[:, 0], means[:, 1:].T
+    posture = np.column_stack([np.interp(bin_time, log.time, column) for column in log.position.T])
+    posture[:, joint - 1] = moving
+    weights = np.convolve(curve, np.full(round(len(rows) / len(starts)), 1.0 / round(len(rows) / len(starts))))
+    noise = _variance(q) * float(weights @ weights)
+    before = np.clip(np.searchsorted(log.time, bin_time, side="right") - 1, 0, len(log) - 1)
+    return Bins(
+        count=count,
+        time=bin_time,
+        position=posture,
+        velocity=speed,
+        acceleration=_calibrated(moving, speed, acceleration, noise=noise),
+        current=binned,
+        variance=finite_means((plain - np.repeat(binned, count)) ** 2, starts),
+        temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, joint - 1],
+        extra=None if log.extra is None else log.extra[before],
+    )
+
+
+def _calibrated(position: Floats, speed: Floats, acceleration: Floats, *, noise: float) -> Floats:
+    """(B,) accelerations less the share of them that is noise of variance `noise`.
+
+    Noise in a regressor makes its parameter too small by its share of what the regressor has beyond the others.
+
+    Source
+    ------
+    R. J. Carroll et al., Measurement Error in Nonlinear Models, 2nd ed. (2006), ch. 4: regression calibration.
+    """
+    beyond = _residual(acceleration, [np.cos(position), np.sin(position), speed])
+    square = float(beyond @ beyond)
+    return acceleration - min(noise * len(beyond) / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
+
+
+def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
+    """(N,) of a current what the filter took out, less what follows the (N, 3) motion and its corners.
+
+    Regressed on weight, friction and inertia it gives nothing: least squares returns what it does of filtered currents.
+    """
+    position, speed, acceleration = motion.T
+    blunter = np.convolve(np.pad(acceleration, len(kernel) // 2, mode="edge"), kernel, mode="valid")
+    return _residual(fast, [np.cos(position), np.sin(position), speed, acceleration, blunter])
+
+
+def _residual(values: Floats, regressors: list[Floats]) -> Floats:
+    """(N,) values less their least-squares fit by a constant and the regressors."""
+    columns = np.column_stack([np.ones(len(values)), *regressors])
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
+def position_noise(position: Floats) -> float:
+    """Standard deviation of the noise of (N,) positions, an encoder's steps among it."""
+    steps = np.abs(np.diff(position))
+    quantum = float(steps[steps > 1e-9].min(initial=math.inf)) if (steps > 1e-9).any() else 0.0
+    return max(quantum / math.sqrt(12.0), math.sqrt(_variance(position))) if quantum else 0.0
+
+
+def _variance(position: Floats) -> float:
+    """Variance of the noise of (N,) positions, from third differences, in which their course is next to nothing.
+
+    Rounding at a steady speed is a tone, which differences at one lag may enlarge; the least of several lags is taken.
+    """
+    variances = []
+    for lag in LAGS:
+        if len(position) > 3 * lag + 1:
+            inner = position[2 * lag : -lag] - position[lag : -2 * lag]
+            variances.append(float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * inner) ** 2)) / 20.0)
+    return min(variances, default=0.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cells:
+    """M cells of a block, one every `step` s: means over a window of three cells, of what was sampled or follows of it.
+
+    `time` (M,) s; `position`, `velocity`, `acceleration` and `current` (M, J), the current NaN where the joint may
+    stick or where one was not measured; `columns` of each joint are (M, p): A per unit of each parameter it feels.
+    """
+
+    step: float
+    time: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    current: Floats
+    columns: tuple[Floats, ...]
+
+
+def cell_length(time: Floats, position: Floats, noise: Floats) -> float:
+    """s; the shortest cell in which accelerations are known, from (N,) times, (N, J) positions and their noise (J,).
+
+    Source: the noise of second differences that pass three means over T, sigma sqrt(6 dt / T) / T^2.
+    """
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    width = max(round(SHORTEST_CELL / step), 1)
+    smooth = _filtered(position.T - position[:1].T, width)
+    rates = np.sqrt(np.mean(np.diff(smooth, 2, axis=1) ** 2, axis=1)) / (width * step) ** 2
+    wanted = ACCELERATION_NOISE * np.maximum(rates, 1e-12)
+    lengths = (noise * math.sqrt(6.0 * step) / wanted) ** 0.4
+    moving = rates > 1e-3 * rates.max(initial=0.0)
+    return float(np.clip(lengths[moving].max(initial=0.0), max(SHORTEST_CELL, step), LONGEST_CELL))
+
+
+def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, length: float) -> Cells | None:
+    """A block of (N,) times, (N, J) positions and currents in cells of some `length` (s); None where it is too short.
+
+    Velocities and accelerations are plain central differences: the one filter smooths them, products of them, and the
+    current alike, so that least squares returns the truth whatever the motion.
+
+    Source: M. Gautier, ICRA 1997 (parallel filtering), with differences inside the filter.
+    """
+    step = float(time[-1] - time[0]) / max(len(time) - 1, 1)
+    if len(time) < 3 or step <= 0.0:
+        return None
+    even = time[0] + step * np.arange(len(time))
+    if np.abs(np.diff(time) - step).max() > UNEVEN * step:
+        position = np.column_stack([np.interp(even, time, column) for column in position.T])
+        current = np.column_stack([np.interp(even, time, column) for column in current.T])
+    width = max(round(length / step), 1)
+    if len(time) - 2 < 4 * width:
+        return None
+    q = np.ascontiguousarray(position.T)
+    rate = (q[:, 2:] - q[:, :-2]) / (2.0 * step)
+    acceleration = (q[:, 2:] - 2.0 * q[:, 1:-1] + q[:, :-2]) / step**2
+    inner = q[:, 1:-1]
+    sampled = np.where(np.abs(rate) < STICKING, np.nan, current.T[:, 1:-1])
+    motion = np.concatenate([even[None, 1:-1] - even[0], inner, rate, acceleration])
+    middle = _filtered(motion, width).T
+    position, velocity, curve = np.split(middle[:, 1:], 3, axis=1)
+    parts: list[list[Floats]] = []
+    size = max(CHUNK // width, 1) * width
+    for first in range(0, inner.shape[1], size):
+        part = slice(first, first + size)
+        rows = body.rows(inner[:, part], rate[:, part], acceleration[:, part])
+        parts.append([_weighted(columns, width) for columns in rows])
+    columns = tuple(_summed(np.concatenate(part, axis=1)).T for part in zip(*parts, strict=True))
+    drawn = _filtered(np.nan_to_num(sampled), width)
+    drawn[_filtered(np.isnan(sampled).astype(float), width) > 1e-9] = np.nan
+    return Cells(width * step, even[0] + middle[:, 0], position, velocity, curve, drawn.T, columns)
+
+
+def _filtered(values: Floats, width: int) -> Floats:
+    """(K, M) of (K, N): means over `width` samples, `ROUNDS` times one after another, every `width`-th of them."""
+    return _summed(_weighted(values, width))
+
+
+def _weighted(values: Floats, width: int) -> Floats:
+    """(K, N // width, ROUNDS) sums over cells of (K, N) values, by their weights in each mean that they enter."""
+    mean = np.full(width, 1.0 / width)
+    kernel = np.convolve(np.convolve(mean, mean), mean)
+    weights = np.pad(kernel, (1, 1)).reshape(ROUNDS, width)
+    count = values.shape[1] // width
+    return values[:, : count * width].reshape(len(values), count, width) @ weights.T
+
+
+def _summed(weighted: Floats) -> Floats:
+    """(K, M) means over cells and their neighbours."""
+    count = weighted.shape[1] - ROUNDS + 1
+    return np.sum([weighted[:, k : k + count, k] for k in range(ROUNDS)], axis=0)
