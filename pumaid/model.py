@@ -16,7 +16,7 @@ from pumaid.effects import Loads, Samples, Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins, swept
 from pumaid.maths import Flags, Floats, Recursion, independent
-from pumaid.rigid_body import RANK, base_parameters, point_mass
+from pumaid.rigid_body import base_parameters, point_mass, weight_name
 from pumaid.robot import Payload, Robot
 
 #: Name of the columns of what a rigid body has beside weight.
@@ -122,28 +122,6 @@ def _gravity_rows(robot: Robot, joint: int, position: Floats) -> Floats:
     gravity, samples = catalogue()["gravity"], Samples(joint, position, np.zeros_like(position))
     columns = [gravity.columns(robot, samples, number=link) for link in range(1, robot.n_joints + 1)]
     return np.hstack([part * (link >= joint) for link, part in enumerate(columns, start=1)])
-
-
-@lru_cache(maxsize=16)
-def _weight_of_bodies(robot: Robot) -> Floats:
-    """(J, 2, B) what base parameters of the rigid body add to the constants of gravity of each link, all gains one.
-
-    Beyond a slide they are not the same, since the constants take up lengths and what its link weighs off its axis.
-    """
-    n, names, rng = robot.n_joints, [*gravity_links(robot)], np.random.default_rng(0)
-    position, still = rng.uniform(-np.pi, np.pi, (POSTURES, n)), np.zeros((n, POSTURES))
-    rows = base_parameters(robot).rows(position.T, still, still)
-    torque = np.vstack([np.pad(part.T, ((0, 0), (len(rows[0]) - len(part), 0))) for part in rows])
-    felt = np.vstack([_gravity_rows(robot, joint, position) for joint in range(1, n + 1)])
-    # Friction takes up what is the same in every posture.
-    constant = np.repeat(np.eye(n)[:, ~robot.is_revolute], POSTURES, axis=0)
-    shown = [number for number, name in enumerate(names) if name not in minimal(robot).absent]
-    solution = np.linalg.lstsq(np.hstack([felt[:, shown], constant]), torque, rcond=None)[0]
-    out = np.zeros((n, 2, len(rows[0])))
-    for row, number in zip(solution, shown, strict=False):
-        link, part = gravity_links(robot)[names[number]], names[number].endswith(".y")
-        out[link - 1, int(part)] = np.where(np.abs(row) > RANK, row, 0.0)
-    return out
 
 
 class Model:
@@ -296,21 +274,17 @@ class Model:
                 values = effect.columns(self.robot, samples, number=owner)
                 for index, column in group:
                     out[:, index] = values[:, names.index(column.name.rsplit(".", 1)[1])]
-        if self.is_dynamic:
+        if self.is_dynamic and samples.acceleration.any():
             pull = np.zeros((self.robot.n_joints, len(samples)))
             pull[samples.joint - 1] = samples.acceleration
-            rows = base_parameters(self.robot).rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
-            out[:, self.inertial[-len(rows) :]] = rows.T
+            weightless = replace(self.robot, gravity=(0.0, 0.0, 0.0))
+            body = replace(base_parameters(self.robot), robot=weightless, constants=None)
+            rows = body.rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
+            out[:, self.inertial[-len(rows) :]] += rows.T
         return out
 
-    def moments(self, solution: Floats, scales: Floats) -> Floats:
-        """(J, 2) first moment of each link, in its own gain: k_x and k_y, or mass and nothing of what slides.
-
-        `solution` (p,) are parameters, `scales` (J, J) ratios of gains; an unknown ratio counts as zero.
-        """
-        if self.is_dynamic:
-            gains = np.nan_to_num(scales)[:, self.owners[self.inertial] - 1]
-            return np.einsum("jkb,jb->jk", _weight_of_bodies(self.robot), gains * solution[self.inertial])
+    def moments(self, solution: Floats) -> Floats:
+        """(J, 2) first moment of each link, in its own gain: k_x and k_y, or mass and nothing of what slides."""
         out = np.zeros((self.robot.n_joints, 2))
         for number in np.flatnonzero(self.is_weight):
             out[self.owners[number] - 1, int(self.names[number].endswith(".y"))] = solution[number]
@@ -361,10 +335,10 @@ def body_columns(robot: Robot) -> list[Column]:
     columns = []
     for link, part in base_parameters(robot).names:
         turns, symbol = robot.joint(link).is_revolute, f"I{link}{part.removeprefix('rotor')}"
-        weights = {"mx": "x", "my": "y"} if turns else {"m": "mass"}
         effect, name = INERTIA, f"rotor.j{link}" if part == "rotor" else f"{INERTIA}.l{link}.{part}"
-        if part in weights:
-            effect, name = "gravity", f"gravity.l{link}.{weights[part]}"
+        weight = weight_name(robot, link, part)
+        if weight:
+            effect, name = "gravity", f"gravity.l{link}.{weight}"
         unit = UNITS.get(part, ("A s2 m", "A s2/rad"))[turns]
         columns.append(Column(name, symbol, unit, link, effect, scope=Scope.LINK))
     return columns
@@ -411,7 +385,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     frames = robot.rotations(samples.position)
     z = frames[:, :, :, 2]
     levers = np.cross(z, g)
-    turns, constants = robot.is_revolute, model.moments(solution, scales)
+    turns, constants = robot.is_revolute, model.moments(solution)
     across_axis = np.einsum("mjck,jk->mjc", frames[..., :2], constants)
     weights = np.where(turns, 0.0, constants[:, 0])
     moments = np.where(turns[:, None], across_axis, (robot.displacements(samples.position) * weights)[..., None] * z)

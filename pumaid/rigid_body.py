@@ -1,12 +1,14 @@
 """Rigid-body dynamics of a serial chain as a regressor: what each inertial parameter asks of each joint."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from pumaid.maths import Floats
+from pumaid.effects import Samples
+from pumaid.effects.gravity import Gravity
+from pumaid.maths import Floats, independent
 from pumaid.robot import Payload, Robot
 
 #: Parameters of a link, in its joint's frame: mass (kg), first moments (kg m), moments and products of inertia about
@@ -29,6 +31,10 @@ class RigidBody:
 
     robot: Robot
     counted: tuple[tuple[int, ...], ...]
+    #: (P, P) combinations of these, a column each, that are the parameters; where not given, they are themselves.
+    mixed: Floats | None = None
+    #: (J, P) what they ask in every posture beside gravity's constants, which is left to Coulomb friction.
+    constants: Floats | None = None
 
     @property
     def names(self) -> tuple[tuple[int, str], ...]:
@@ -46,7 +52,12 @@ class RigidBody:
             for column in _columns(state, self.counted[link], acceleration[link]):
                 for joint in range(link + 1):
                     parts[joint].append(column[joint])
-        return [np.array(columns).reshape(len(columns), -1) for columns in parts]
+        rows = [np.array(columns).reshape(len(columns), position.shape[1]) for columns in parts]
+        if self.mixed is not None:
+            rows = [self.mixed[-len(part) :, -len(part) :].T @ part for part in rows]
+        if self.constants is not None:
+            rows = [part - asked[-len(part) :, None] for part, asked in zip(rows, self.constants, strict=True)]
+        return rows
 
 
 def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Floats]) -> Floats:
@@ -144,13 +155,14 @@ def _dot(a: Floats, b: Floats) -> Floats:
 def base_parameters(robot: Robot) -> RigidBody:
     """The chain with the parameters that some motion shows beside friction: of inner links first, the rest regrouped.
 
+    Those of weight ask at rest what the constants of gravity do, and the others nothing.
+
     Source: M. Gautier, J. Robotic Systems 8 (1991) 485-506: base parameters by the rank of the regressor.
     """
     everything = RigidBody(robot, tuple(tuple(range(len(PARAMETERS))) for _ in robot.joints))
     rng, shape = np.random.default_rng(0), (robot.n_joints, STATES)
     states = (rng.uniform(-np.pi, np.pi, shape), rng.normal(0, SPEED, shape), rng.normal(0, ACCELERATION, shape))
-    rows = everything.rows(*states)
-    matrix = np.vstack([np.pad(part.T, ((0, 0), (len(rows[0]) - len(part), 0))) for part in rows])
+    matrix = _stacked(everything.rows(*states))
     size = np.linalg.norm(matrix, axis=0)
     # Coulomb friction takes up a load that is the same in any posture; what slides then shows its mass as a rotor's.
     slides = ~robot.is_revolute
@@ -164,4 +176,42 @@ def base_parameters(robot: Robot) -> RigidBody:
         tuple(k for k, name in enumerate(PARAMETERS) if (link, name) in counted)
         for link in range(1, robot.n_joints + 1)
     )
-    return RigidBody(robot, numbers)
+    body = RigidBody(robot, numbers)
+    return body if robot.is_revolute.all() else _regrouped(body)
+
+
+def weight_name(robot: Robot, link: int, part: str) -> str | None:
+    """The constant of gravity that a parameter of a link is; None where it is none."""
+    return ({"mx": "x", "my": "y"} if robot.joint(link).is_revolute else {"m": "mass"}).get(part)
+
+
+def _stacked(rows: list[Floats]) -> Floats:
+    """(J N, P) a regressor's rows of all joints."""
+    return np.vstack([np.pad(part.T, ((0, 0), (len(rows[0]) - len(part), 0))) for part in rows])
+
+
+def _regrouped(body: RigidBody) -> RigidBody:
+    """The same in combinations of its parameters of which only those of weight ask anything at rest.
+
+    What a slide carries off its axis, and lengths before it, ask what the constants of gravity of the links before do,
+    which take them up, as in the paper; without slides there is nothing of the kind.
+    """
+    robot, gravity, rng = body.robot, Gravity(), np.random.default_rng(0)
+    position, still = rng.uniform(-np.pi, np.pi, (robot.n_joints, STATES)), np.zeros((robot.n_joints, STATES))
+    weights = np.array([k for k, (link, part) in enumerate(body.names) if weight_name(robot, link, part)], np.int64)
+    felt = np.zeros((robot.n_joints, STATES, len(weights)))
+    for place, (link, part) in enumerate(body.names[k] for k in weights):
+        for joint in range(1, link + 1):
+            columns = gravity.columns(robot, Samples(joint, position.T, still.T), number=link)
+            felt[joint - 1, :, place] = columns[:, int(part == "my")]
+    constant = np.repeat(np.eye(robot.n_joints)[:, ~robot.is_revolute], STATES, axis=0)
+    table, slides = np.hstack([constant, felt.reshape(len(constant), len(weights))]), constant.shape[1]
+    sure, torque = independent(table, first=slides), _stacked(body.rows(position, still, still))
+    shares, shown = np.linalg.lstsq(table[:, sure], torque, rcond=None)[0][slides:], weights[sure[slides:]]
+    shares[np.abs(shares) < RANK] = 0.0
+    inverse, mixed = np.linalg.inv(shares[:, shown]), np.eye(len(body.names))
+    mixed[shown] -= inverse @ shares
+    mixed[np.ix_(shown, shown)] = inverse
+    constants = (torque @ mixed).reshape(robot.n_joints, STATES, len(mixed)).mean(axis=1)
+    constants[:, weights] -= felt.mean(axis=1)
+    return replace(body, mixed=mixed, constants=constants)

@@ -8,7 +8,7 @@ import numpy as np
 from pumaid.estimation.fit import ABSORBED, Fit, Projector
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats
-from pumaid.rigid_body import RigidBody, base_parameters
+from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
 #: Blocks of a joint in which lengths are tested; m by which each is moved.
@@ -79,5 +79,5 @@ def _drawn(fitted: Fit, robot: Robot, joint: int, motion: tuple[Floats, Floats, 
     """(N,) A that the fitted rigid body asks of a joint on an arm with other lengths."""
     model = fitted.model
     weights = (np.nan_to_num(model.factors(fitted.scales(), joint)) * fitted.values)[model.inertial]
-    rows = RigidBody(robot, base_parameters(model.robot).counted).rows(*motion)[joint - 1]
+    rows = replace(base_parameters(model.robot), robot=robot).rows(*motion)[joint - 1]
     return np.asarray(weights[-len(rows) :] @ rows)

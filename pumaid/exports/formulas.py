@@ -76,11 +76,12 @@ class Formulas:
             )
             for effect in ("coulomb", "viscous")
         )
-        moments, bodies = model.moments(estimate.solution, estimate.scales), np.zeros((robot.n_joints, len(PARAMETERS)))
+        moments, bodies = model.moments(estimate.solution), np.zeros((robot.n_joints, len(PARAMETERS)))
         if model.is_dynamic:
-            names = base_parameters(robot).names
-            links, parts = [link - 1 for link, _ in names], [PARAMETERS.index(part) for _, part in names]
-            bodies[links, parts] = estimate.solution[model.inertial]
+            body, values = base_parameters(robot), estimate.solution[model.inertial]
+            links, parts = np.array([(link - 1, PARAMETERS.index(part)) for link, part in body.names]).T
+            mixed = np.eye(len(values)) if body.mixed is None else body.mixed
+            bodies[links, parts] = (mixed * np.nan_to_num(estimate.scales)[np.ix_(links, links)]) @ values
         heavy = np.asarray(moments.any(axis=1))
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
@@ -125,7 +126,7 @@ class Formulas:
 
     def inertia(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
         """(N, J) A of the rigid body beside its weight, by the model's own regressor."""
-        body = base_parameters(self.robot)
+        body = replace(base_parameters(self.robot), mixed=None, constants=None)
         links, moved = np.array([link for link, _ in body.names]) - 1, np.empty_like(position)
         motion = (position.T, velocity.T, acceleration.T)
         still = (position.T, 0.0 * velocity.T, 0.0 * velocity.T)

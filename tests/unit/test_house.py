@@ -23,9 +23,9 @@ PACKAGE = ROOT / "pumaid"
 #: Rooms from the ground up; a module imports from its own room and from the rooms of floors below it.
 FLOORS = (
     {"errors", "units"},
-    {"maths", "robot", "rigid_body", "trajectory"},
+    {"maths", "robot", "trajectory"},
     {"dataset", "estimate"},
-    {"effects", "io"},
+    {"effects", "io", "rigid_body"},
     {"preprocessing", "simulation"},
     {"joint_bins"},
     {"model", "effect_spec"},
