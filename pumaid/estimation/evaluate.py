@@ -13,7 +13,7 @@ from pumaid.errors import Note
 from pumaid.estimate import Estimate, JointResult
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.maths import Flags, Floats
-from pumaid.model import Model, loads_at
+from pumaid.model import INERTIA, Model, loads_at
 from pumaid.preprocessing.replicates import Pair, noise_floor, pairs
 from pumaid.robot import Robot
 
@@ -186,7 +186,13 @@ class JointPrediction:
         self.effects = tuple(dict.fromkeys(names.tolist()))
         self._is_part = names[:, None] == np.array(self.effects)
         weights = (self._factors * estimate.solution)[:, None] * self._is_part
-        self.parts, fine_parts = self.design @ weights, fine @ weights
+        fine_parts = fine @ weights
+        if model.is_dynamic:  # what parameters of weight ask of a joint by inertia is not weight
+            still = model.base(replace(bins.nodes[0], acceleration=np.zeros(3 * len(bins))))
+            places = [self.effects.index(name) for name in ("gravity", INERTIA)]
+            moved = fine_parts[:, places[0]] - still @ weights[: still.shape[1], places[0]]
+            fine_parts[:, places] += np.column_stack([-moved, moved])
+        self.parts = bins.averaged(fine_parts)
         self.predicted, drawn = self.parts.sum(axis=1), fine_parts.sum(axis=1)
         self.residual = bins.current - self.predicted
         self.inside = bins.inside_left(self.predicted, bins.variance(drawn))

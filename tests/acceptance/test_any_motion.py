@@ -58,6 +58,8 @@ def test_unseen_work_is_predicted_to_the_noise():
     comparison = compare(estimate, segment([log], truth.robot), truth.robot)
     for score, fit in zip(comparison.joints, estimate.joints, strict=True):
         assert score.rmse < 1.5 * fit.rmse and not score.undetermined
+    # The waist turns about gravity: what its parameters of weight draw is inertia.
+    assert abs(comparison.joints[0].shares.get("gravity", 0.0)) < 1e-6 < 0.3 < comparison.joints[0].shares["inertia"]
 
 
 def test_a_clock_or_a_zero_that_is_off_is_told():

@@ -48,7 +48,8 @@ def weights_only(subject: Subject) -> tuple[Lack, ...]:
     lacks["direction"] = Lack("direction of friction", "the mean of forward and backward is written")
     if (formulas.shaft != 0).sum() > len(formulas.shaft):
         lacks["shaft"] = Lack("coupled gears", "friction follows each joint's own velocity, not its motor shaft's")
-    lacks["inertia"] = Lack("inertia", "moments of inertia are made up (balls of aluminium); no current showed them")
+    where = "the model's are in c, python, json and matlab" if formulas.is_dynamic else "no current showed them"
+    lacks["inertia"] = Lack("inertia", f"moments of inertia are made up (balls of aluminium); {where}")
     return tuple(lacks.values())
 
 
