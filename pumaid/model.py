@@ -285,9 +285,8 @@ class Model:
 
     def moments(self, solution: Floats) -> Floats:
         """(J, 2) first moment of each link, in its own gain: k_x and k_y, or mass and nothing of what slides."""
-        out = np.zeros((self.robot.n_joints, 2))
-        for number in np.flatnonzero(self.is_weight):
-            out[self.owners[number] - 1, int(self.names[number].endswith(".y"))] = solution[number]
+        out, numbers = np.zeros((self.robot.n_joints, 2)), np.flatnonzero(self.is_weight)
+        out[self.owners[numbers] - 1, [self.names[n].endswith(".y") * 1 for n in numbers]] = solution[numbers]
         return out
 
     def friction(self, samples: Samples, solution: Floats) -> Floats:

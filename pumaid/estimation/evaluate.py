@@ -189,9 +189,9 @@ class JointPrediction:
         fine_parts = fine @ weights
         if model.is_dynamic:  # what parameters of weight ask of a joint by inertia is not weight
             still = model.base(replace(bins.nodes[0], acceleration=np.zeros(3 * len(bins))))
-            places = [self.effects.index(name) for name in ("gravity", INERTIA)]
-            moved = fine_parts[:, places[0]] - still @ weights[: still.shape[1], places[0]]
-            fine_parts[:, places] += np.column_stack([-moved, moved])
+            weight, inertia = (self.effects.index(name) for name in ("gravity", INERTIA))
+            moved = fine_parts[:, weight] - still @ weights[: still.shape[1], weight]
+            fine_parts[:, [weight, inertia]] += np.column_stack([-moved, moved])
         self.parts = bins.averaged(fine_parts)
         self.predicted, drawn = self.parts.sum(axis=1), fine_parts.sum(axis=1)
         self.residual = bins.current - self.predicted

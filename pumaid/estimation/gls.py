@@ -39,6 +39,8 @@ ASTRAY = 10.0
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
 #: residual tells nothing, and its variance is taken from the working model.
 FITTED_ALONE = 1e-3
+#: Steps in which loads settle at most, and the whitened square by which the last may still move what is drawn.
+LOAD_STEPS, LOADS_STILL = 6, 1e-4
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
 
@@ -222,8 +224,38 @@ def with_errors(fitted: Fit) -> Fit:
     and ratios that make the load: a payload felt by an inner joint is its mass times a ratio of gains, so where the
     ratio is not known well, the mass is not, either.
     """
+    fitted, weights = _with_settled_loads(fitted), priors(fitted.model, fitted.limit, is_tight=False)
+    return _linearised(replace(fitted, prior=np.append(weights, fitted.prior[len(weights) :])))
+
+
+def _with_settled_loads(fitted: Fit) -> Fit:
+    """By Gauss and Newton's steps in which effects of the load move with what makes it, until nothing drawn moves.
+
+    A fit of effects with loads as they were takes what only rescales the load for a direction of its own.
+    """
+    p = len(fitted.values)
+    centre = np.repeat([0.0, USUAL_RATIO], [p, len(fitted.prior) - p])
+    for _ in range(LOAD_STEPS if fitted.model.needs_loads() else 0):
+        theta = np.append(fitted.values, fitted.gains.ratios)
+        solution = _linearised(fitted, fitted.prior * (centre - theta)).solution
+        moved = theta + solution.linear.values
+        gains = fitted.gains.with_ratios(moved[p:])
+        fitted = replace(fitted, solution=replace(solution, values=moved[:p], gains=gains))
+        if np.sum((solution.jacobian @ (moved - theta)) ** 2) < LOADS_STILL:
+            break
+    return fitted
+
+
+def _linearised(fitted: Fit, off: Floats | None = None) -> Fit:
+    """With the least squares about its parameters, loads moving with them; `off` (P,) is what priors ask of them."""
     rows = tuple(
-        Row.of(row.bins, row.design, row.inner, moved=_moved_through_loads(fitted, row.bins), slow=row.slow)
+        Row.of(
+            row.bins,
+            design_of(fitted.model, row.bins, fitted),
+            row.inner,
+            moved=_moved_through_loads(fitted, row.bins),
+            slow=row.slow,
+        )
         if any(term.effect.needs_loads and term.touches(row.joint) for term in fitted.model.effects)
         else row
         for row in fitted.rows
@@ -236,13 +268,11 @@ def with_errors(fitted: Fit) -> Fit:
         for row in rows
     ]
     jacobian = system.jacobian(fitted.gains, fitted.values) + np.vstack(through)
-    residual = system.left(fitted.values, fitted.gains)
-    weights = priors(fitted.model, fitted.limit, is_tight=False)
-    prior = np.append(weights, fitted.prior[len(weights) :])
-    equations, target = np.vstack([jacobian, np.diag(prior)]), np.append(residual, np.zeros(len(prior)))
-    linear = least_squares(equations, target, limit=reach_of(fitted.limit, prior))
+    residual, asked = system.left(fitted.values, fitted.gains), np.zeros(len(fitted.prior)) if off is None else off
+    equations, target = np.vstack([jacobian, np.diag(fitted.prior)]), np.append(residual, asked)
+    linear = least_squares(equations, target, limit=reach_of(fitted.limit, fitted.prior))
     solution = replace(fitted.solution, linear=linear, jacobian=jacobian, residual=residual)
-    return replace(fitted, rows=rows, system=system, prior=prior, solution=solution)
+    return replace(fitted, rows=rows, system=system, solution=solution)
 
 
 def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:

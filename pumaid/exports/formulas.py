@@ -88,8 +88,7 @@ class Formulas:
         effects = terms_of(estimate.effects)
         reasons = {spoken(effect): why_left_out(effect, robot) for effect in effects}
         # What a posture of this arm may need and the data did not tell; not what no posture can show.
-        redundant = (f"gain_ratio.{i}.{j}" for i, j in model.structure.redundant)
-        idle = {*model.structure.absent, *redundant}
+        idle = {*model.structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in model.structure.redundant)}
         return cls(
             robot=robot,
             estimate=estimate,
@@ -116,8 +115,11 @@ class Formulas:
 
     def arrays(self) -> dict[str, Floats]:
         """The base model by the names that exports give its tables."""
-        names = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft")
-        return {name: getattr(self, name) for name in (*names, *(["bodies"] * self.is_dynamic))}
+        return {
+            name: getattr(self, name)
+            for name in ("moments", "ratios", "felt", "coulomb", "viscous", "shaft", "bodies")
+            if name != "bodies" or self.is_dynamic
+        }
 
     @property
     def is_dynamic(self) -> bool:
@@ -128,10 +130,9 @@ class Formulas:
         """(N, J) A of the rigid body beside its weight, by the model's own regressor."""
         body = replace(base_parameters(self.robot), mixed=None, constants=None)
         links, moved = np.array([link for link, _ in body.names]) - 1, np.empty_like(position)
-        motion = (position.T, velocity.T, acceleration.T)
-        still = (position.T, 0.0 * velocity.T, 0.0 * velocity.T)
+        moving, still = (body.rows(position.T, k * velocity.T, k * acceleration.T) for k in (1.0, 0.0))
         values = self.bodies[links, [PARAMETERS.index(part) for _, part in body.names]]
-        for joint, (rows, rest) in enumerate(zip(body.rows(*motion), body.rows(*still), strict=True)):
+        for joint, (rows, rest) in enumerate(zip(moving, still, strict=True)):
             moved[:, joint] = (values * self.ratios[joint, links])[-len(rows) :] @ (rows - rest)
         return moved
 

@@ -476,6 +476,7 @@ def test_a_missing_spring_accuses_no_run():
     assert note.slug == "run-stands-out" and note.where.joint == last.joint
 
 
+LOAD_FRICTION = EffectChoice("load_friction", 2)
 SHIPPED = read_recipe(shipped_recipes()["pendulum2"])
 
 
@@ -539,3 +540,13 @@ def test_what_is_no_change_is_not_told():
     """What moves no number by more than its error, and one pass of runs, which has nothing to be compared with."""
     first, second = good(7)
     assert told((first, second.assign(i1=second.i1 + 0.005))) == [] == told((first,))
+
+
+def test_loads_that_an_effect_follows_are_those_of_the_fit():
+    """What only rescales the load moves the friction that it makes; loads that lagged left a Panda four times that."""
+    robot = read_recipe(shipped_recipes()["panda"])
+    for seed in (9071, 9073):
+        hidden = (parse("load_friction@2:drive=0.15,back=0.1", robot), parse("warmup@4", robot))
+        truth = drawn(robot, seed=seed).hiding(hidden)
+        fit = identify(dataset(truth, experiment(robot, seed=seed), seed=seed), robot, effects=[LOAD_FRICTION])
+        assert fit.joints[1].rmse < 1.25 * truth.noise.std[1]
