@@ -81,19 +81,28 @@ _ANY = ""
 #: may have it, and how to mend a log with more.
 _KINDS = {
     "bad": (
-        *("bad-samples", "no number or an absurd one", "these rows are left out", MAX_BAD),
+        "bad-samples",
+        "no number or an absurd one",
+        "these rows are left out",
+        MAX_BAD,
         "check units and columns in the recipe's log block; where positions and currents stand in different rows, join"
         " them by time (pandas.merge_asof does it)",
     ),
     "repeated": ("bad-samples", "the time and values of the row before", "these rows are left out", 1.0, ""),
     "tied": (
-        *("bad-samples", "the time of the row before and other values", "these rows are left out", 0.5),
+        "bad-samples",
+        "the time of the row before and other values",
+        "these rows are left out",
+        0.5,
         "write the time with more digits",
     ),
     "velocity": ("column-absent", "no velocity", "speeds are taken from position there", 1.0, ""),
     "current": (
-        *("column-absent", "no current", "these samples show nothing of their joints, and are not fitted"),
-        *(1.0, ""),
+        "column-absent",
+        "no current",
+        "these samples show nothing of their joints, and are not fitted",
+        1.0,
+        "",
     ),
     "wrapped": ("position-wraps", "a jump of position by a whole turn", "it is taken as continuous", 1.0, ""),
 }
