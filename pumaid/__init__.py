@@ -34,7 +34,7 @@ _NAMES = {
     "pumaid.results.documents": "read_model write_model",
     "pumaid.reporting.figures.style": "Drawing",
     "pumaid.robot": "EffectChoice Joint LogFormat Robot",
-    "pumaid.trajectory": "Motion NextRun Plan Posture",
+    "pumaid.trajectory": "Motion NextRun Plan Posture Trajectory",
     "pumaid.diagnosis.compare": "compare",
     "pumaid.diagnosis.diagnose": "diagnose",
     "pumaid.preprocessing.segment": "segment",

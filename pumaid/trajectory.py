@@ -1,5 +1,7 @@
-"""Planned motions, and the trapezoids of speed by which an arm makes them in programs, simulations and forecasts."""
+"""Planned motions: trapezoids of speed by which an arm makes runs, and trajectories of all joints through knots."""
 
+import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -18,6 +20,8 @@ RAMP_TIME = 0.4
 MOVE_SHARE = 0.7
 #: s of rest before each run and after each movement.
 REST = 0.4
+#: s about which a part of a trajectory lasts; like a run, it has a level of noise of its own.
+PART = 5.0
 #: s after a ramp (and before the next) in which a controller's speed still differs from the one that it is told.
 SETTLING = 0.06
 
@@ -44,9 +48,64 @@ class Posture:
     why: str
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Trajectory:
+    """All J joints through K knots, `repeats` times one after another: polynomials of the fifth degree between knots.
+
+    (K,) `time` s rises from 0; (K, J) `position`, `velocity` and `acceleration` in rad or m, and s. It begins and ends
+    at rest; what is repeated ends where it begins. `kind` is its form, ``fourier`` or ``picks``, where it has one.
+
+    Source: such polynomials are what the joint_trajectory_controller of ROS 2 drives (control.ros.org), and, from rest
+    to rest, the motion of least jerk.
+    """
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    repeats: int = 1
+    kind: str = ""
+
+    @property
+    def cycle(self) -> float:
+        """s from the first knot to the last."""
+        return float(self.time[-1])
+
+    @property
+    def seconds(self) -> float:
+        """s of all repeats."""
+        return self.repeats * self.cycle
+
+    def at(self, time: Floats) -> tuple[Floats, Floats, Floats]:
+        """(N, J) positions, velocities and accelerations `time` (N,) s after the start; at rest before and after."""
+        clipped = np.clip(time, 0.0, self.seconds)
+        since = clipped - self.cycle * np.minimum(np.floor(clipped / self.cycle), self.repeats - 1)
+        k = np.clip(np.searchsorted(self.time, since, side="right") - 1, 0, len(self.time) - 2)
+        h = (self.time[k + 1] - self.time[k])[:, None]
+        s = (since - self.time[k])[:, None] / h
+        way = self.position[k + 1] - self.position[k]
+        (v, after), (a, last) = (
+            (part[k] * scale, part[k + 1] * scale) for part, scale in ((self.velocity, h), (self.acceleration, h**2))
+        )
+        c = 10.0 * way - 6.0 * v - 4.0 * after - 1.5 * a + 0.5 * last
+        d = -15.0 * way + 8.0 * v + 7.0 * after + 1.5 * a - last
+        e = 6.0 * way - 3.0 * (v + after) - 0.5 * (a - last)
+        position = self.position[k] + s * (v + s * (0.5 * a + s * (c + s * (d + s * e))))
+        speed = (v + s * (a + s * (3.0 * c + s * (4.0 * d + s * 5.0 * e)))) / h
+        pull = (a + s * (6.0 * c + s * (12.0 * d + s * 20.0 * e))) / h**2
+        is_moving = (time == clipped)[:, None]
+        return position, speed * is_moving, pull * is_moving
+
+    def knots(self) -> tuple[Floats, ...]:
+        """Times (M,), positions, velocities and accelerations (M, J) of the knots of all repeats."""
+        time = np.concatenate([[0.0], *(turn * self.cycle + self.time[1:] for turn in range(self.repeats))])
+        parts = (self.position, self.velocity, self.acceleration)
+        return time, *(np.concatenate([part[:1], *[part[1:]] * self.repeats]) for part in parts)
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Motions in the order in which they are executed, with the reasons and the forecast."""
+    """Motions in the order in which they are executed, or a trajectory, with the reasons and the forecast."""
 
     robot: str
     motions: tuple[Motion, ...]
@@ -59,6 +118,7 @@ class Plan:
     efficiency: float | None = None
     assumptions: tuple[str, ...] = ()  # on which the forecast rests
     notes: tuple[Note, ...] = ()
+    trajectory: Trajectory | None = None  # instead of motions
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +203,38 @@ class Trapezoid:
         speed = self.acceleration * (rising - falling)
         return self.start + gone[:, None] * direction, speed[:, None] * direction
 
+    @property
+    def places(self) -> Floats:
+        """(5, J) positions on its way."""
+        return np.linspace(self.start, self.end, 5)
+
+
+class TrajectoryPart:
+    """Some `seconds` of a trajectory as a movement like a trapezoid; `number` counts them from 1.
+
+    It begins at `first` s of the trajectory, after `lead` s of rest.
+    """
+
+    motion = None
+
+    def __init__(self, trajectory: Trajectory, number: int, first: float, *, seconds: float) -> None:
+        self.trajectory, self.number, self.first, self.seconds = trajectory, number, max(first, 0.0), seconds
+        self.lead = self.first - first
+        self.places = trajectory.at(first + np.linspace(0.0, seconds, 5))[0]
+        self.start = self.places[0]
+
+    def at(self, time: Floats) -> tuple[Floats, Floats, Floats]:
+        """(N, J) positions, velocities and accelerations `time` (N,) s after its start, the rest before it gone."""
+        return self.trajectory.at(self.first + time)
+
+
+def trajectory_parts(trajectory: Trajectory, rate: float) -> Iterator[TrajectoryPart]:
+    """A trajectory, and the rests around it, in parts of about `PART` s, whole samples at `rate` (Hz)."""
+    samples = math.ceil((trajectory.seconds + 2.0 * REST) * rate)
+    edges = np.round(np.linspace(0, samples, max(round(samples / rate / PART), 1) + 1)) / rate - REST
+    for number, (first, last) in enumerate(itertools.pairwise(edges.tolist()), start=1):
+        yield TrajectoryPart(trajectory, number, first, seconds=last - first)
+
 
 def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | None = None) -> str:
     """Joint positions (J,) for people, without that of the joint `moving` (from 1): ``90 deg, 0.1 m``."""
@@ -186,7 +278,8 @@ def run_trapezoid(robot: Robot, motion: Motion, number: int = 1) -> Trapezoid:
 
 def duration(robot: Robot, plan: Plan) -> float:
     """s that the plan takes, moves between postures and rests included."""
-    return float(sum(trapezoid.seconds for trapezoid in trapezoids(robot, plan)))
+    moved = 0.0 if plan.trajectory is None else plan.trajectory.seconds + 2.0 * REST
+    return moved + float(sum(trapezoid.seconds for trapezoid in trapezoids(robot, plan)))
 
 
 def cruise(robot: Robot, motion: Motion) -> tuple[tuple[float, float], float]:

@@ -1,4 +1,4 @@
-"""Plans on disk: YAML that people edit; written also as CSV, one row a run, and as robots' programs.
+"""Plans on disk: YAML that people edit; written also as CSV, one row a run or a knot, and as robots' programs.
 
 A program is what a robot's own controller runs: URScript, or a ROS 2 trajectory.
 """
@@ -6,7 +6,9 @@ A program is what a robot's own controller runs: URScript, or a ROS 2 trajectory
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,12 +26,13 @@ from pumaid.io.forms import (
     parsed_yaml,
     read_bytes,
     validated,
+    yaml_number,
     yaml_text,
     yaml_vector,
 )
 from pumaid.maths import Floats
 from pumaid.robot import Robot
-from pumaid.trajectory import REST, Motion, Plan, Posture, duration, trapezoids
+from pumaid.trajectory import RAMP_TIME, REST, Motion, Plan, Posture, Trajectory, duration, trapezoids
 from pumaid.units import factor, number
 
 #: The plan's name in an experiment's folder.
@@ -42,24 +45,67 @@ _DIGITS = 10
 _ROUNDING = 1e-6
 #: What a plan promises and says of itself, which is not read back.
 _NOT_READ = ("expected_std_errors", "unseen", "efficiency", "assumptions", "notes", "pumaid", "recipe")
+#: Instants between two knots at which a trajectory is held against the limits.
+_BETWEEN = 16
+#: What a knot has of each joint.
+_STATES = ("position", "velocity", "acceleration")
 #: rad/s and rad/s2 of URScript's first move, from wherever the arm stands.
 _APPROACH, _APPROACH_RAMP = 0.2, 0.5
 #: s in which a ROS 2 controller takes the arm to the first posture from where it stands, which must be near it.
 LEAD_IN = 5.0
 
 _URSCRIPT = """\
-# {count} runs for {name}, about {minutes:.0f} min; pumaid {version}.
+# {what} for {name}, about {minutes:.0f} min; pumaid {version}.
 # Before you start it: set payload and TCP in the installation, clear the cell, start the recording of the log, and
 # drive it through once with the speed slider low; for the measurement the slider must be at 100 %.
-# It first drives slowly, all joints at once, to the posture of the first run: be near it, with the way free.
+# It first drives slowly, all joints at once, to the first posture: be near it, with the way free.
 # movej with one moving joint is a trapezoid of speed: v in rad/s on the plateau, a in rad/s2 on the ramps.
 def pumaid_plan():
 {body}
 end
 """
+#: The head of a plan's file.
+_RUNS = [
+    "# Runs to be executed in this order. One joint moves from `from` to `to` at speed `velocity` (in deg/s, or",
+    "# m/s if it slides); the others stay at `hold` (its own entry is ignored). expected_std_errors are in SI,",
+    "# duration in s; efficiency is the error of the best conceivable runs in this time, as a share of these'.",
+]
+_KNOTS = [
+    "# A trajectory of all joints (deg, or m of those that slide, and s) that is executed `repeats` times. Between its",
+    "# knots each joint moves by the polynomial of the fifth degree. expected_std_errors are in SI, duration in s.",
+]
+#: To the next knot, in h s, from that before: positions, velocities and accelerations; `late` s are gone of it already.
+_TO_KNOT = """\
+global late = 0.0
+def pumaid_to(h, next_q, next_v, next_a):
+  local q = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+  local t = late
+  while t < h:
+    local s = t / h
+    local k = 0
+    while k < 6:
+      local way = next_q[k] - last_q[k]
+      local v = last_v[k] * h
+      local v1 = next_v[k] * h
+      local a = last_a[k] * h * h
+      local a1 = next_a[k] * h * h
+      local c3 = 10 * way - 6 * v - 4 * v1 - 1.5 * a + 0.5 * a1
+      local c4 = -15 * way + 8 * v + 7 * v1 + 1.5 * a - a1
+      local c5 = 6 * way - 3 * (v + v1) - 0.5 * (a - a1)
+      q[k] = last_q[k] + s * (v + s * (0.5 * a + s * (c3 + s * (c4 + s * c5))))
+      k = k + 1
+    end
+    servoj(q, t=get_steptime(), lookahead_time=0.05, gain=500)
+    t = t + get_steptime()
+  end
+  late = t - h
+  last_q = next_q
+  last_v = next_v
+  last_a = next_a
+end"""
 
 _ROS2 = """\
-# {count} runs for {name} as one trajectory_msgs/msg/JointTrajectory (rad, m, s); pumaid {version}.
+# {what} for {name} as one trajectory_msgs/msg/JointTrajectory (rad, m, s); pumaid {version}.
 # The names of joints must be those of your controller. The first point is reached in {lead:g} s from wherever the arm
 # is: bring it there before you send this. To drive it slowly once, multiply all times and divide all velocities by 5.
 header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: ''}}
@@ -93,12 +139,30 @@ class RunForm(HoldForm):
     purpose: Literal["fit", "heldout"] = "fit"
 
 
+class KnotForm(StrictForm):
+    """A knot of the trajectory; what it does not say of velocity and acceleration is zero."""
+
+    time: Finite
+    position: list[Finite] = Field(examples=["[...], one position a joint"])
+    velocity: list[Finite] = Field([])
+    acceleration: list[Finite] = Field([])
+
+
+class TrajectoryForm(StrictForm):
+    """All joints at once."""
+
+    knots: list[KnotForm] = Field(min_length=2, examples=["two or more of {time: 0, position: [...]}"])
+    repeats: Annotated[int, Field(ge=1, le=10_000)] = 1
+    kind: Literal["", "fourier", "picks"] = ""
+
+
 class PlanForm(StrictForm):
-    """What is read of a file; only kind, format and runs are needed."""
+    """What is read of a file; only kind, format, and runs or a trajectory are needed."""
 
     kind: Literal["plan"] = Field(examples=["plan"])
     format: Literal[1] = Field(examples=["1"])
-    runs: list[RunForm] = Field(min_length=1, examples=["at least one, or make a plan with: pumaid plan"])
+    runs: list[RunForm] = Field([])
+    trajectory: TrajectoryForm | None = None
     robot: str = ""
     units: dict[Literal["angle"], AngleUnit] = Field({})
     postures: list[PostureForm] = Field([])
@@ -114,6 +178,11 @@ def _units(robot: Robot, angle: str) -> list[tuple[str, float]]:
 def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
     """What an arm cannot do of a plan."""
     units = _units(robot, form.units.get("angle", "rad"))
+    if (form.trajectory is None) != bool(form.runs):
+        what = "it has runs and a trajectory" if form.runs else "it has neither runs nor a trajectory"
+        yield (("runs",), what, "write one of them, or make a plan with: pumaid plan")
+    if form.trajectory is not None:
+        yield from _trajectory_faults(form.trajectory, robot, units)
     runs, postures = [(("runs", index), entry) for index, entry in enumerate(form.runs)], enumerate(form.postures)
     for path, entry in [*runs, *((("postures", index), entry) for index, entry in postures)]:
         if not 1 <= entry.joint <= robot.n_joints or len(entry.hold) != robot.n_joints:
@@ -142,6 +211,58 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
                 yield ((*path, key), what, "stay inside the limits, or correct them in the recipe")
 
 
+def _trajectory_faults(form: TrajectoryForm, robot: Robot, units: list[tuple[str, float]]) -> Iterator[Fault]:
+    """What an arm cannot do of a trajectory, by its first knot where that is so."""
+    knots, before, ways = ("trajectory", "knots"), -math.inf, list[Fault]()
+    for index, knot in enumerate(form.knots):
+        for key in _STATES:
+            values = getattr(knot, key)
+            if len(values) != robot.n_joints and (values or key == "position"):
+                what = f"{len(values)} values; {robot.name} has {robot.n_joints} joints"
+                ways.append(((*knots, index, key), what, "write one a joint; is the plan for another robot?"))
+        if knot.time <= before or (index == 0 and knot.time != 0.0):
+            ways.append(((*knots, index, "time"), f"{knot.time:g} s", "let time begin at 0 and rise"))
+        before = knot.time
+    if ways:
+        yield from ways
+        return
+    made = _trajectory(form, [scale for _, scale in units])
+    if made.velocity[[0, -1]].any():
+        yield (
+            (*knots, 0 if made.velocity[0].any() else len(form.knots) - 1),
+            "it does not rest there",
+            "begin and end at rest",
+        )
+    closes = all(np.allclose(part[0], part[-1], atol=1e-6) for part in (made.position, made.acceleration))
+    if made.repeats > 1 and not closes:
+        yield ((*knots, len(form.knots) - 1), "what is repeated does not end as it begins", "end at the first knot")
+    between = np.linspace(made.time[:-1], made.time[1:], _BETWEEN + 1, axis=1)
+    states = [part.reshape(*between.shape, -1) for part in replace(made, repeats=1).at(between.ravel())]
+    for joint, (order, (key, values)) in product(robot.joints, enumerate(zip(_STATES, states, strict=True))):
+        unit, scale = units[joint.number - 1]
+        highest = (joint.max_velocity or math.inf) / (RAMP_TIME if key == "acceleration" else 1.0)
+        low, high = (joint.limits or (-math.inf, math.inf)) if key == "position" else (-highest, highest)
+        slack = _ROUNDING * (high - low) if math.isfinite(high - low) else 0.0
+        reached = values[..., joint.number - 1]
+        beyond = np.maximum(low - slack - reached, reached - high - slack).max(axis=1)
+        if (beyond > 0.0).any():
+            index = int(np.argmax(beyond > 0.0))
+            per = ("", "/s", "/s2")[order]
+            worst = reached[index].flat[np.argmax(np.abs(reached[index]))] / scale
+            what = (
+                f"{key} of joint {joint.number} ({joint.name}) gets to {number(worst)} before the next knot, beyond"
+                f" {number(low / scale)}..{number(high / scale)} {unit}{per}"
+            )
+            yield ((*knots, index, key), what, "stay inside the limits, give it more time, or correct the recipe")
+
+
+def _trajectory(form: TrajectoryForm, scales: list[float]) -> Trajectory:
+    """The trajectory in SI."""
+    nothing = [0.0] * len(scales)
+    q, v, a = (np.array([getattr(knot, key) or nothing for knot in form.knots]) * scales for key in _STATES)
+    return Trajectory(np.array([knot.time for knot in form.knots]), q, v, a, form.repeats, form.kind)
+
+
 def find_plan(folders: Iterable[Path]) -> Path | None:
     """The first ``plan.yaml`` in some folders, or none."""
     return next((path for path in (Path(folder) / PLAN_NAME for folder in folders) if path.is_file()), None)
@@ -153,8 +274,8 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     Raises
     ------
     ModelError [plan-wrong], or Faults of several
-        Unknown keys, missing or impossible values, positions outside the robot's limits, speeds above its highest; each
-        with line and path (``runs[12].velocity``).
+        Unknown keys, missing or impossible values, positions outside the robot's limits, speeds above its highest,
+        accelerations beyond this in 0.4 s; each with line and path (``runs[12].velocity``).
     ModelError [file-not-readable]
         It cannot be read at all.
     """
@@ -177,6 +298,7 @@ def read_plan(path: Path, robot: Robot) -> Plan:
         tuple(Posture(entry.joint, held(entry), tuple(entry.serves), entry.why) for entry in form.postures),
         duration=form.duration,
         seed=form.seed,
+        trajectory=None if form.trajectory is None else _trajectory(form.trajectory, scales),
         notes=()
         if form.robot in ("", robot.name)
         else (Note("plan-other-robot", f"the plan is for '{form.robot}', the recipe is of '{robot.name}'"),),
@@ -184,12 +306,22 @@ def read_plan(path: Path, robot: Robot) -> Plan:
 
 
 def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
-    """A plan for a robot as the text of its file, in deg and m: YAML, or with `format` ``"csv"`` a row a run without
-    the reasons and the forecast, units in the columns' names.
+    """A plan for a robot as the text of its file, in deg and m: YAML, or with `format` ``"csv"`` a row a run, or a knot
+    of all repeats, without the reasons and the forecast, units in the columns' names.
     """
     entries = plan_document(plan, robot, angle="deg")
     if format == "csv":
         units = [unit for unit, _ in _units(robot, "deg")]
+        if plan.trajectory is not None:
+            pers = zip(_STATES, ("", "_s", "_s2"), strict=True)
+            head = [f"{key}{j}_{unit}{per}" for key, per in pers for j, unit in enumerate(units, start=1)]
+            scales = np.tile([scale for _, scale in _units(robot, "deg")], 3)
+            time, *states = plan.trajectory.knots()
+            rows = [
+                ["time_s", *head],
+                *(map(_flow, row) for row in np.column_stack([time, np.hstack(states) / scales])),
+            ]
+            return "".join(",".join(row) + "\n" for row in rows)
         holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
         rows = [["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"]]
         for count, run in enumerate(entries["runs"], start=1):
@@ -202,19 +334,17 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
         "expected_std_errors": {name: float(f"{value:.3g}") for name, value in plan.expected.items()},
         "notes": [{"note": note.slug, "text": note.text} for note in plan.notes],
     }
-    lines = [
-        "# Runs to be executed in this order. One joint moves from `from` to `to` at speed `velocity` (in deg/s, or",
-        "# m/s if it slides); the others stay at `hold` (its own entry is ignored). expected_std_errors are in SI,",
-        "# duration in s; efficiency is the error of the best conceivable runs in this time, as a share of these'.",
-    ]
-    for key, value in entries.items():
-        if isinstance(value, list) and value:
-            lines += [f"{key}:", *(f"  - {_flow(entry)}" for entry in value)]
-        elif isinstance(value, dict) and value and key != "units":
-            lines += [f"{key}:", *(f"  {name}: {_flow(entry)}" for name, entry in value.items())]
-        elif value not in (None, [], {}):
-            lines.append(f"{key}: {_flow(value)}")
-    return "\n".join(lines) + "\n"
+    lines = _RUNS if plan.trajectory is None else _KNOTS
+    return "\n".join([*lines, *(line for item in entries.items() for line in _block(*item))]) + "\n"
+
+
+def _block(key: str, value: Any, indent: str = "") -> list[str]:
+    """Lines of a key with its value: lists and mappings have a line an entry; nothing of what is empty."""
+    if isinstance(value, list) and value and isinstance(value[0], dict | str):
+        return [f"{indent}{key}:", *(f"{indent}  - {_flow(entry)}" for entry in value)]
+    if isinstance(value, dict) and value and key != "units":
+        return [f"{indent}{key}:", *(line for item in value.items() for line in _block(*item, indent=f"{indent}  "))]
+    return [] if value in (None, [], {}, "") else [f"{indent}{key}: {_flow(value)}"]
 
 
 def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, Any]:
@@ -238,6 +368,7 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         "duration": plan.duration,
         "efficiency": plan.efficiency,
         "runs": runs,
+        "trajectory": None if plan.trajectory is None else _trajectory_document(plan.trajectory, scales),
         "postures": [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures],
         "expected_std_errors": dict(plan.expected),
         "unseen": dict(plan.unseen),
@@ -246,6 +377,13 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         "recipe": {"file": robot.origin, "sha256": robot.digest},
         "notes": [note.as_json() for note in plan.notes],
     }
+
+
+def _trajectory_document(made: Trajectory, scales: list[float]) -> dict[str, Any]:
+    parts = [(np.array(getattr(made, key)) / scales).tolist() for key in _STATES]
+    rows = zip(made.time.tolist(), *parts, strict=True)
+    knots = [dict(zip(("time", *_STATES), row, strict=True)) for row in rows]
+    return {"kind": made.kind, "repeats": made.repeats, "knots": knots}
 
 
 def _flow(value: Any) -> str:
@@ -260,7 +398,7 @@ def _flow(value: Any) -> str:
 
 
 def urscript(plan: Plan, robot: Robot) -> str:
-    """The text of a ``.script`` file: a move to each run's posture, a rest, the run, a rest.
+    """The text of a ``.script`` file: a move to each run's posture, a rest, the run, a rest; or the trajectory.
 
     Raises
     ------
@@ -270,7 +408,7 @@ def urscript(plan: Plan, robot: Robot) -> str:
     Source
     ------
     Universal Robots, The URScript Programming Language, module motion: movej(q, a, v) is straight in the joints' space,
-    a and v being those of the leading axis; textmsg(s1, s2); sleep(t).
+    a and v being those of the leading axis; servoj(q, t, lookahead_time, gain); textmsg(s1, s2); sleep(t); stopj(a).
     """
     if robot.n_joints != 6 or not robot.is_revolute.all():
         raise ModelError(
@@ -294,17 +432,36 @@ def urscript(plan: Plan, robot: Robot) -> str:
         lines += [f"sleep({REST})", f"# {_comment(step.motion, robot)}", f'textmsg("pumaid run ", {step.number})']
         move(step.end, step.acceleration, step.speed)
         lines.append(f"sleep({REST})")
+    if plan.trajectory is not None:
+        move(plan.trajectory.position[0], _APPROACH_RAMP, _APPROACH)
+        lines += _knot_calls(plan.trajectory)
     body = "\n".join(f"  {line}" for line in [*lines, 'textmsg("pumaid plan done")'])
-    return _URSCRIPT.format(
-        count=len(plan.motions), name=robot.name, minutes=duration(robot, plan) / 60.0, version=__version__, body=body
-    )
+    minutes = duration(robot, plan) / 60.0
+    return _URSCRIPT.format(what=_what(plan), name=robot.name, minutes=minutes, version=__version__, body=body)
+
+
+def _knot_calls(made: Trajectory) -> list[str]:
+    """Lines of URScript that drive a trajectory from its first knot on."""
+    states = [[yaml_vector(row, 7) for row in getattr(made, key)] for key in _STATES]
+    calls = [
+        f"  pumaid_to({yaml_number(h, 9)}, {', '.join(row)})"
+        for h, row in zip(np.diff(made.time), list(zip(*states, strict=True))[1:], strict=True)
+    ]
+    start = [f"global last_{name} = {rows[0]}" for name, rows in zip("qva", states, strict=True)]
+    loop = ["local turn = 0", f"while turn < {made.repeats}:", *calls, "  turn = turn + 1", "end", "stopj(2.0)"]
+    return [*start, *_TO_KNOT.splitlines(), f"sleep({REST})", 'textmsg("pumaid trajectory")', *loop]
+
+
+def _what(plan: Plan) -> str:
+    """What a program's head says that it drives."""
+    return f"{len(plan.motions)} runs" if plan.trajectory is None else "A trajectory"
 
 
 def ros2_trajectory(plan: Plan, robot: Robot) -> str:
-    """A trajectory_msgs/JointTrajectory as YAML: every corner of the trapezoids of speed is a point.
+    """A trajectory_msgs/JointTrajectory as YAML: every corner of the trapezoids of speed, or every knot, is a point.
 
-    A controller that interpolates positions and velocities by cubics drives exact trapezoids; one that interpolates by
-    quintics rounds the ramps; the plateau is at constant speed either way.
+    Of runs, a controller that interpolates positions and velocities by cubics drives exact trapezoids; one that
+    interpolates by quintics, as a trajectory needs, rounds the ramps; the plateau is at constant speed either way.
 
     Source
     ------
@@ -313,9 +470,9 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
     """
     still, clock, lines = np.zeros(robot.n_joints), LEAD_IN, list[str]()
 
-    def point(time: float, position: Floats, velocity: Floats) -> None:
+    def point(time: float, position: Floats, velocity: Floats, *, acceleration: Floats = still) -> None:
         seconds, nanoseconds = divmod(round(1e9 * time), 10**9)
-        positions, velocities, accelerations = (yaml_vector(part, 9) for part in (position, velocity, still))
+        positions, velocities, accelerations = (yaml_vector(part, 9) for part in (position, velocity, acceleration))
         lines.append(
             f"- {{positions: {positions}, velocities: {velocities}, accelerations: {accelerations},"
             f" time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
@@ -336,9 +493,11 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
         if step.motion is not None:
             clock += REST
             point(clock, step.end, still)
+    for time, q, v, a in zip(*plan.trajectory.knots(), strict=True) if plan.trajectory is not None else ():
+        point(clock + float(time), q, v, acceleration=a)
     joints, points = ", ".join(json.dumps(joint.name) for joint in robot.joints), "".join(f"\n{x}" for x in lines)
     return _ROS2.format(
-        count=len(plan.motions),
+        what=_what(plan),
         name=robot.name,
         version=__version__,
         lead=LEAD_IN,

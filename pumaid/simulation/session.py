@@ -13,7 +13,15 @@ from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import AMBIENT, RISE, WARMING_TIME, ArmState, JointState, Kind, acted, delays
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.simulation.virtual_robot import Truth, draw
-from pumaid.trajectory import MOVE_SHARE, Plan, Trapezoid, highest_speeds, trapezoids
+from pumaid.trajectory import (
+    MOVE_SHARE,
+    Plan,
+    TrajectoryPart,
+    Trapezoid,
+    highest_speeds,
+    trajectory_parts,
+    trapezoids,
+)
 
 #: Hz of a log: slower, and a run of a few seconds would leave a sample or none; no drive that is logged is faster.
 SLOWEST, FASTEST = 1.0, 1000.0
@@ -50,7 +58,8 @@ def simulate(
     """A virtual robot executes a plan, motion by motion, and logs what a real one would.
 
     It goes to each motion's start with all joints at once, rests, runs, rests, in closed loop under the controller of
-    the paper's experiment. Logs come in order of time, one a movement; those of one file share their `origin`.
+    the paper's experiment; a trajectory it follows, in movements of some seconds. Logs come in order of time, one a
+    movement; those of one file share their `origin`.
 
     The virtual robot `truth` is drawn from the seed where not given; `rate` is in samples a second, 1 to 1000. A log
     has temperatures also where something hidden depends on them.
@@ -79,6 +88,9 @@ def simulate(
                 Where(field=f"runs[{number}]"),
                 mend,
             )
+    if plan.trajectory is not None and plan.trajectory.position.shape[1] != n:
+        what = f"the plan's trajectory moves {plan.trajectory.position.shape[1]} joints; {robot.name} has {n}"
+        raise ModelError("plan-misfit", what, Where(field="trajectory"), mend)
     truth = draw(robot, seed) if truth is None else truth
     return _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature).logs(
         runs_per_file, has_velocity=has_velocity
@@ -89,10 +101,11 @@ class Controller:
     """Load compensators with acceleration feedback, one for each of J joints.
 
     Wanted acceleration (34) K_D (-v + V (K_P/K_D) (target - q)), V (36) such that the part in brackets stays within a
-    speed limit. Current (35) J (wanted) + load. The paper's load is i(t-dt) - J (v(t) - v(t-dt)) / dt with
-    v(t) = (q(t) - q(t-dt)) / dt of encoder readings; here it is that, averaged by a filter of the second order that
-    follows a steady change without lag, over as short a time as leaves the current calm. Its `position` (J,) is that of
-    the encoders, rad or m, its `velocity` (J,) as the drives know it, its `current` (J,) in A.
+    speed limit; a target that moves adds its speed and acceleration. Current (35) J (wanted) + load. The paper's load
+    is i(t-dt) - J (v(t) - v(t-dt)) / dt with v(t) = (q(t) - q(t-dt)) / dt of encoder readings; here it is that,
+    averaged by a filter of the second order that follows a steady change without lag, over as short a time as leaves
+    the current calm. Its `position` (J,) is that of the encoders, rad or m, its `velocity` (J,) as the drives know it,
+    its `current` (J,) in A.
     """
 
     def __init__(self, truth: Truth, *, period: float) -> None:
@@ -124,22 +137,27 @@ class Controller:
         """What the encoders tell of `position` (..., J)."""
         return np.rint(position * self._counts) / self._counts
 
-    def limits(self, trapezoid: Trapezoid, count: int) -> tuple[Floats, Floats]:
-        """(count, J) targets and speed limits, period by period, of a movement with the rests before and after it.
+    def targets(self, movement: Trapezoid | TrajectoryPart, count: int) -> tuple[Floats, Floats, Floats]:
+        """(count, J) targets, speed limits and speeds ahead, period by period, of a movement with the rests around it.
 
-        The limit is the trapezoid's speed until it has fallen to where a joint creeps in by itself.
+        A run's limit is the trapezoid's speed until it has fallen to where a joint creeps in by itself. Ahead goes what
+        a trajectory moves at, with its acceleration in K_D.
         """
-        since = (np.arange(count) * self._period - trapezoid.lead)[:, None]
-        falling = np.maximum(trapezoid.duration - since, 2.0 / NEAR)
-        moves = (since >= 0.0) & (trapezoid.start != trapezoid.end)
-        share = np.abs(trapezoid.end - trapezoid.start) / (trapezoid.way or 1.0)
-        allowed = share * np.minimum(trapezoid.speed, trapezoid.acceleration * np.minimum(since, falling))
-        return np.where(since >= 0.0, trapezoid.end, trapezoid.start), np.where(moves, allowed, self._holding)
+        since = np.asarray(np.arange(count) * self._period - movement.lead, dtype=float)[:, None]
+        if isinstance(movement, TrajectoryPart):
+            target, speed, acceleration = movement.at(since[:, 0])
+            return target, np.full_like(target, np.inf), speed + acceleration / K_D
+        falling = np.maximum(movement.duration - since, 2.0 / NEAR)
+        moves = (since >= 0.0) & (movement.start != movement.end)
+        share = np.abs(movement.end - movement.start) / (movement.way or 1.0)
+        allowed = share * np.minimum(movement.speed, movement.acceleration * np.minimum(since, falling))
+        limits = np.where(moves, allowed, self._holding)
+        return np.where(since >= 0.0, movement.end, movement.start), limits, np.zeros_like(limits)
 
-    def command(self, position: Floats, target: Floats, limit: Floats) -> Floats:
+    def command(self, position: Floats, target: Floats, *, limit: Floats, ahead: Floats) -> Floats:
         """(J,) A for the next period of motors that stand at `position` (J,) and shall go to `target` (J,).
 
-        `limit` (J,) is the highest speed now, V_max.
+        `limit` (J,) is the highest speed now, V_max, `ahead` (J,) what a moving target adds to the speed.
         """
         q = self.read(position)
         v = (q - self.position) * self._rate
@@ -149,8 +167,8 @@ class Controller:
         load += self._level * miss
         rise += self._trend * miss
         error = target - q
-        reach = np.minimum(np.maximum(NEAR * error, -limit), limit)
-        inside = np.abs(error) <= self._window
+        reach = np.minimum(np.maximum(NEAR * error, -limit), limit) + ahead
+        inside = (np.abs(error) <= self._window) & (ahead == 0.0)
         if inside.any():
             reach[inside] = 0.0
             rise[inside & (v == 0.0)] = 0.0
@@ -166,7 +184,9 @@ class _Session:
         self._truth, self._rng, self._rate = truth, np.random.default_rng([seed, 2]), rate
         self._has_temperature = has_temperature or truth.hides("thermal_friction")
         n = truth.robot.n_joints
-        self._movements = list(trapezoids(truth.robot, plan))
+        self._movements: list[Trapezoid | TrajectoryPart] = [*trapezoids(truth.robot, plan)]
+        if plan.trajectory is not None:
+            self._movements += trajectory_parts(plan.trajectory, rate)
         # Every movement, with its rests, is a whole number of samples.
         self._counts = [max(1, math.ceil(movement.seconds * rate - 1e-9)) for movement in self._movements]
         lengths = np.array(self._counts) / rate
@@ -182,7 +202,8 @@ class _Session:
         self._arm.state.first = self._first
         self._arm.place(self._movements[0].start)
         self._controller.start(self._arm.reading, self._arm.load + 0.8 * settled * truth.coulomb)
-        weight = truth.gravity_current(np.array([motion.hold for motion in plan.motions], dtype=float))
+        held = [motion.hold for motion in plan.motions] if plan.trajectory is None else plan.trajectory.position
+        weight = truth.gravity_current(np.array(held, dtype=float))
         self._usual = np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb
 
     def logs(self, runs_per_file: int, *, has_velocity: bool) -> Iterator[Log]:
@@ -224,21 +245,18 @@ class _Session:
             )
             sample, row = sample + count, row + count
 
-    def _execute(self, movement: Trapezoid, count: int) -> tuple[Floats, Floats, Floats, Floats]:
+    def _execute(self, movement: Trapezoid | TrajectoryPart, count: int) -> tuple[Floats, Floats, Floats, Floats]:
         """(N, J) positions and velocities by the encoders, currents, and temperatures by their sensors."""
         arm, controller, state, n = self._arm, self._controller, self._arm.state, self._truth.robot.n_joints
         ticks = self._ticks
-        targets, limits = controller.limits(movement, count * ticks)
+        targets, limits, ahead = controller.targets(movement, count * ticks)
         # Tuned for where the arm is lightest: too large a J swings, too small a one only lags.
-        controller.tune(
-            self._truth.gain
-            * np.min([arm.felt_inertia(place) for place in np.linspace(movement.start, movement.end, 5)], axis=0)
-        )
+        controller.tune(self._truth.gain * np.min([arm.felt_inertia(place) for place in movement.places], axis=0))
         out, currents = np.zeros((3, count, n)), np.zeros((count * ticks + 2, n))
         currents[0] = controller.current
         warming = -np.expm1(-arm.step / WARMING_TIME) if self._has_temperature else 0.0
         for tick in range(count * ticks):
-            current = controller.command(arm.reading, targets[tick], limits[tick])
+            current = controller.command(arm.reading, targets[tick], limit=limits[tick], ahead=ahead[tick])
             currents[tick + 1] = current
             if tick % ticks == 0:
                 out[:, tick // ticks] = controller.position, controller.velocity, state.temperature
