@@ -40,14 +40,16 @@ def waves(rng: np.random.Generator, seconds: float, farthest: np.ndarray) -> np.
     return q * np.minimum(farthest / np.abs(q).max(axis=0), FASTEST / np.abs(v).max(axis=0))
 
 
-def picks(rng: np.random.Generator, seconds: float, farthest: np.ndarray) -> np.ndarray:
-    """(N, J) positions: smooth moves of all joints from place to place, with pauses of some tenths of a second."""
+def picks(
+    rng: np.random.Generator, seconds: float, farthest: np.ndarray, pauses: tuple[float, float] = (0.1, 0.4)
+) -> np.ndarray:
+    """(N, J) positions: smooth moves of all joints from place to place, with `pauses` of some length (s)."""
     step, parts, at, count = 1.0 / (RATE * TICKS), [], rng.uniform(-farthest, farthest), 0
     while count < seconds / step:
         to = rng.uniform(-farthest, farthest)
         lasts = max((2.0 * np.abs(to - at) / FASTEST).max(), np.sqrt(8.0 * np.abs(to - at) / HARDEST).max(), 0.5)
         s = np.linspace(0.0, 1.0, int(lasts / step))[1:, None]
-        pause = np.tile(to, (int(rng.uniform(0.1, 0.4) / step), 1))
+        pause = np.tile(to, (int(rng.uniform(*pauses) / step), 1))
         parts += [at + (to - at) * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5), pause]
         at, count = to, count + len(s) + len(pause)
     return np.concatenate(parts)[: int(seconds / step)]

@@ -63,10 +63,15 @@ SURELY, NEGATIVE = 5.0, 3.0
 CONTRADICTED = 3e-3
 #: Ratio of neighbours' gains that is none if it may be zero and is smaller: published arms are within a factor of ten.
 NO_RATIO = 0.1
+#: Share of a joint's RMS current below which its Coulomb friction is none; of geared arms it is 0.1 to 0.6.
+FRICTIONLESS = 0.1
 
 
 #: Slug (and variant) -> what a note says and what to do.
 TEXTS = {
+    "friction-none": "the currents of joints {joints} show no friction, which motors with gears have: are they of an"
+    " arm guided by hand, of torque sensors behind the gears, or simulated? Of an arm guided by hand they tell what its"
+    " controller takes gravity for, and nothing of friction and inertia",
     "logs-disagree": "the model's error at joint {joint} is {misses} A RMS, and {file} is inconsistent with the other"
     " logs: {evidence}. Check that it is the same robot with the same payload, zeros, units and columns",
     "model-misses": "the model's error at joint {joint} is {misses} A RMS, its {level} A. Its intervals may not hold"
@@ -252,8 +257,11 @@ def notes_on(
 ) -> Iterator[Note]:
     """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
     fitted, effects = result.fit, result.fit.model.effects
-    missed = list(of_misfit(fitted, estimate.joints))
-    yield from missed or of_lengths(fitted)  # what makes a model miss, as a zero or a clock, looks like lengths, too
+    frictionless, missed = list(of_friction(fitted, estimate.values)), list(of_misfit(fitted, estimate.joints))
+    yield from frictionless
+    yield from (
+        missed or frictionless or of_lengths(fitted)
+    )  # what makes a model miss, as a zero or a clock, looks like lengths, too
     yield from of_runs(fitted)
     yield from of_drift(estimate.joints, repeated)
     for joint in sorted(fitted.weak):
@@ -262,7 +270,7 @@ def notes_on(
     yield from of_gears(fitted, robot)
     # Beside another effect of speed, a viscous term is a part of friction only.
     of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
-    yield from of_signs(estimate.values, of_speed)
+    yield from () if frictionless else of_signs(estimate.values, of_speed)
     yield from of_ratios(estimate.values, robot)
     if not result.is_settled:
         yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
@@ -270,6 +278,20 @@ def notes_on(
     clocks = len({run.clock for row in fitted.rows for run in row.bins.runs})
     if timed and clocks > 1:
         yield _note("several-clocks", clocks=clocks, name=timed[0])
+
+
+def of_friction(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
+    """Joints whose current hardly turns round with the direction, where these are more than half of those that move."""
+    certain, none = {value.name: value for value in values if value.std_error}, list[int]()
+    for row in fitted.joints:
+        ways = [certain.get(f"coulomb.j{row.bins.joint}.{way}") for way in ("plus", "minus")]
+        (plus, error), (minus, other) = (
+            (way.value or 0.0, way.std_error or 0.0) if way else (0.0, 0.0) for way in ways
+        )
+        farthest = abs(plus - minus) / 2.0 + math.hypot(error, other)
+        none += [row.bins.joint] if all(ways) and farthest < FRICTIONLESS * math.sqrt(row.bins.mean_square) else []
+    if len(none) > len(fitted.joints) / 2:
+        yield _note("friction-none", joints=", ".join(map(str, none)))
 
 
 def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:

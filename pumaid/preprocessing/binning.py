@@ -285,7 +285,7 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
     if table is None:
         return []
     duration = float(time[-1] - time[0])
-    count = max(round(duration / min(max(duration / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)), 1)
+    count = max(int(duration / min(max(duration / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)), 1)
     edges = np.linspace(time[0], time[-1], count + 1)
     sample = np.clip(np.searchsorted(time, edges), 0, len(time) - 1).tolist()
     runs = []

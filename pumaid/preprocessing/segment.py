@@ -37,9 +37,9 @@ SURE = 4.5
 #: s; a shorter motion of one joint between motions of several is a chance: the others just turn back.
 LONE = 1.0
 
-#: s; least motion that is taken as blocks, and least where a tenth of all is runs, between which shorter moves lead.
-#: The longest pause that does not part motion in two.
-LEAST_MOTION, LEAST_BESIDE, TENTH, PAUSE = 4.0, 12.0, 0.1, 2.0
+#: s; least motion of a recording that is taken as blocks, and of each of its moves; least of a move where a tenth of
+#: all is runs, between which shorter ones lead. The longest pause that does not part motion in two.
+LEAST_MOTION, LEAST_MOVE, LEAST_BESIDE, TENTH, PAUSE = 4.0, 0.5, 12.0, 0.1, 2.0
 
 #: s; longest straight line by which the speed of a slow or noisy movement is judged.
 LONGEST_LINE = 1.0
@@ -298,7 +298,9 @@ def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> 
 
     moving = [piece for piece in pieces if piece.joints]
     has_runs = seconds(piece for piece in moving if piece.is_run) > TENTH * seconds(moving)
-    least = LEAST_BESIDE if has_runs else LEAST_MOTION
+    if not has_runs and seconds(moving) < LEAST_MOTION:
+        return pieces
+    least = LEAST_BESIDE if has_runs else LEAST_MOVE
 
     out: list[Piece] = []
     for is_border, group in groupby(pieces, lambda p: p.is_run or (not p.joints and seconds([p]) > PAUSE)):

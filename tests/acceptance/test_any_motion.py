@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from free_motion import picks, reach, recorded, true_values, waves
+from free_motion import RATE, TICKS, picks, reach, recorded, true_values, waves
 
 from pumaid.dataset import Log
 from pumaid.diagnosis.compare import compare
@@ -14,7 +14,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
-from pumaid.simulation import Truth, draw
+from pumaid.simulation import Truth, draw, gravity_load
 
 
 @cache
@@ -84,3 +84,14 @@ def test_a_length_that_motion_contradicts_is_told_with_what_fits(name, true):
     fits, error = map(float, re.search(r"recipe: (\S+) ± (\S+) m", note.text).groups())
     assert note.where.joint == 3 and "length a of joint 3" in note.text
     assert abs(fits - true) < max(4.0 * error, 0.005) and error < 0.008
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_currents_without_friction_are_told(name):
+    """Of an arm guided by hand the currents hold the weight alone: the first note says so; of one at work, none."""
+    assert "friction-none" not in {note.slug for note in model("ur5e", "picks", 31).notes}
+    robot, rng = read_recipe(shipped_recipes()[name]), np.random.default_rng(5)
+    truth, q = draw(robot, 5), waves(rng, 60.0, reach(robot))[::TICKS]
+    current = truth.gain * gravity_load(robot, truth.links, q)[0] + 0.02 * rng.normal(size=q.shape)
+    log = Log("hand.csv", np.arange(len(q)) + 2, np.arange(len(q)) / RATE, q, None, current)
+    assert identify(segment([log], robot), robot).notes[0].slug == "friction-none"

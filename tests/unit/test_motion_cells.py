@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from free_motion import fourier
+from free_motion import RATE as SAMPLED
+from free_motion import TICKS, fourier, picks
 from test_rigid_body import engine, torques
 
 from pumaid.dataset import Log
@@ -75,3 +76,15 @@ def test_cells_last_as_long_as_asked():
         runs = segment([log], robot, options=SegmentOptions(cell=cell)).runs
         assert {run.kind for run in runs} == {"block"}
         assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize(("seconds", "kinds"), [(40.0, {"block"}), (6.0, set())])
+def test_moves_between_long_pauses_are_blocks(seconds, kinds):
+    """Each move from pose to pose is a block of its own, the rests are left out; a move or two alone are nothing."""
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    q = picks(np.random.default_rng(3), seconds, np.array([1.0, 1.0]), (2.5, 4.0))[::TICKS]
+    log = Log("a.csv", np.arange(len(q)) + 2, np.arange(len(q)) / SAMPLED, q, None, np.cos(q))
+    dataset = segment([log], robot)
+    assert {run.kind for run in dataset.runs} == kinds
+    moves = [reject for reject in dataset.rejects if reject.reason == "rest" and reject.duration > 2.0]
+    assert not kinds or len(moves) - 1 <= len({run.start for run in dataset.runs}) <= len(moves) + 1
