@@ -159,25 +159,51 @@ def base_parameters(robot: Robot) -> RigidBody:
 
     Source: M. Gautier, J. Robotic Systems 8 (1991) 485-506: base parameters by the rank of the regressor.
     """
-    everything = RigidBody(robot, tuple(tuple(range(len(PARAMETERS))) for _ in robot.joints))
-    rng, shape = np.random.default_rng(0), (robot.n_joints, STATES)
-    states = (rng.uniform(-np.pi, np.pi, shape), rng.normal(0, SPEED, shape), rng.normal(0, ACCELERATION, shape))
-    matrix = _stacked(everything.rows(*states))
+    names = whole(robot).names
+    matrix, constant = _random_rows(robot)
     size = np.linalg.norm(matrix, axis=0)
     # Coulomb friction takes up a load that is the same in any posture; what slides then shows its mass as a rotor's.
-    slides = ~robot.is_revolute
-    constant = np.repeat(np.eye(robot.n_joints)[:, slides], STATES, axis=0) / np.sqrt(STATES)
-    is_late = [0.5 * (part == "rotor" and slides[link - 1]) for link, part in everything.names]
-    order = np.argsort([link for link, _ in everything.names] - np.array(is_late), kind="stable")
+    is_late = [0.5 * (part == "rotor" and not robot.is_revolute[link - 1]) for link, part in names]
+    order = np.argsort([link for link, _ in names] - np.array(is_late), kind="stable")
     order = order[size[order] > RANK * size.max()]
     upper: Floats = np.asarray(np.linalg.qr(np.hstack([constant, matrix[:, order] / size[order]]), mode="r"))
-    counted = [everything.names[k] for k in order[np.abs(upper.diagonal()[constant.shape[1] :]) > RANK]]
+    counted = [names[k] for k in order[np.abs(upper.diagonal()[constant.shape[1] :]) > RANK]]
     numbers = tuple(
         tuple(k for k, name in enumerate(PARAMETERS) if (link, name) in counted)
         for link in range(1, robot.n_joints + 1)
     )
     body = RigidBody(robot, numbers)
     return body if robot.is_revolute.all() else _regrouped(body)
+
+
+def whole(robot: Robot) -> RigidBody:
+    """The chain with every parameter of every link."""
+    return RigidBody(robot, (tuple(range(len(PARAMETERS))),) * robot.n_joints)
+
+
+def asked(robot: Robot, parameters: Floats, motion: tuple[Floats, Floats, Floats]) -> Floats:
+    """(J, N) N m, or N, that links of these parameters (J, 11) ask of each joint; `motion` as in `point_mass`."""
+    return np.array([parameters.ravel()[-len(rows) :] @ rows for rows in whole(robot).rows(*motion)])
+
+
+def regrouping(robot: Robot) -> tuple[Floats, Floats]:
+    """(P, 11 J) the sums of all parameters that take the place of the base parameters, before combinations of these.
+
+    And (S, 11 J) N what all ask, beside these sums, of each joint that slides, in every posture the same.
+    """
+    matrix, constant = _random_rows(robot)
+    counted = [whole(robot).names.index(name) for name in base_parameters(robot).names]
+    sums = np.asarray(np.linalg.lstsq(np.hstack([constant, matrix[:, counted]]), matrix, rcond=None)[0], dtype=float)
+    sums[np.abs(sums) < RANK * np.abs(sums).max()] = 0.0
+    return sums[constant.shape[1] :], sums[: constant.shape[1]] / np.sqrt(STATES)
+
+
+def _random_rows(robot: Robot) -> tuple[Floats, Floats]:
+    """(J N, 11 J) the whole regressor in random states, and (J N, S) a load of each joint that slides, of length 1."""
+    rng, shape = np.random.default_rng(0), (robot.n_joints, STATES)
+    states = (rng.uniform(-np.pi, np.pi, shape), rng.normal(0, SPEED, shape), rng.normal(0, ACCELERATION, shape))
+    constant = np.repeat(np.eye(robot.n_joints)[:, ~robot.is_revolute], STATES, axis=0) / np.sqrt(STATES)
+    return _stacked(whole(robot).rows(*states)), constant
 
 
 def weight_name(robot: Robot, link: int, part: str) -> str | None:

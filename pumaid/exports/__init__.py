@@ -147,9 +147,8 @@ def commented(text: str) -> str:
 
 def title(formulas: Formulas) -> str:
     """A line: which arm, by which program."""
-    return commented(
-        f"{formulas.robot.name}: motor currents of gravity and friction, by pumaid {formulas.estimate.version}."
-    )
+    parts = "gravity, inertia and friction" if formulas.is_dynamic else "gravity and friction"
+    return commented(f"{formulas.robot.name}: motor currents of {parts}, by pumaid {formulas.estimate.version}.")
 
 
 def head(subject: Subject, left_out: tuple[Lack, ...], remarks: Sequence[str] = ()) -> list[str]:

@@ -1,4 +1,4 @@
-"""Torque constants, and masses and centres of mass whose weight then asks of every joint what the model asks."""
+"""Torque constants, and links whose weight and inertia then ask of every joint what the model asks."""
 
 import itertools
 import math
@@ -7,13 +7,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import f as fisher
 
 from pumaid.errors import ModelError, Where
-from pumaid.exports.formulas import Formulas
+from pumaid.exports.formulas import Formulas, base_places
+from pumaid.exports.possible_bodies import possible
 from pumaid.maths import Floats
 from pumaid.model import minimal
+from pumaid.rigid_body import PARAMETERS, asked, regrouping, whole
 from pumaid.robot import Robot, turn_of_z
-from pumaid.simulation.virtual_robot import Links, carried_moment, gravity_load, link_of
+from pumaid.simulation.virtual_robot import carried_moment, link_of
+from pumaid.trajectory import accelerations, highest_speeds
 
 #: Least mass of a link, as a share of the mass whose weight at 0.3 m is the arm's largest load.
 LIGHTEST = 0.02
@@ -23,8 +28,12 @@ REACH = 0.15
 CARRIED = 0.5
 #: kg/m3 of the ball whose moment of inertia stands in for the link's.
 DENSITY = 2700.0
-#: Random postures in which the weight of the bodies is held against the model, with this seed.
+#: Random states in which the loads of the bodies are held against the model's, with this seed.
 POSTURES, SEED = 200, 0
+#: A distance from what is possible that noise exceeds with a smaller chance than this has another reason.
+BY_CHANCE = 1e-3
+#: What is said of a slide of which Coulomb friction has taken up the weight.
+UNTOLD = "joint {}: its load is part of its Coulomb friction and cannot be told as a mass"
 #: Share of a joint's load below which a difference is rounding.
 ROUNDING = 1e-9
 
@@ -33,27 +42,46 @@ ROUNDING = 1e-9
 class Bodies:
     """A chain of rigid bodies in frames of the recipe, its torque constants, its friction, and how it is mounted.
 
-    `friction` and `damping` are means of both directions, never negative. `inertias` are fictitious, of a ball of
-    aluminium of that mass. `mount` turns axes of the base into those of a world in which gravity is along -z. `remarks`
-    are for the user.
+    `parameters` are as in `rigid_body.PARAMETERS`; where the model has no inertia, their moments are fictitious, of
+    balls of aluminium, and rotors have none. `friction` and `damping` are means of both directions, never negative.
+    `mount` turns axes of the base into those of a world in which gravity is along -z. `remarks` are for the user.
     """
 
-    masses: Floats  # (J,) kg
-    centres: Floats  # (J, 3) m, each in its link's frame
-    inertias: Floats  # (J,) kg m2 about every axis through the centre of mass
+    parameters: Floats  # (J, 11)
     torques: Floats  # (J,) N m/A or N/A
     friction: Floats  # (J,) N m or N
     damping: Floats  # (J,) N m s/rad or N s/m
     mount: Floats  # (3, 3)
     remarks: tuple[str, ...]
 
+    @property
+    def masses(self) -> Floats:
+        """(J,) kg."""
+        return self.parameters[:, 0]
+
+    @property
+    def centres(self) -> Floats:
+        """(J, 3) m, each in its link's frame."""
+        return self.parameters[:, 1:4] / self.masses[:, None]
+
+    @property
+    def tensors(self) -> Floats:
+        """(J, 6) kg m2 about the centres of mass, in axes of the links: xx, xy, xz, yy, yz, zz."""
+        return self.parameters[:, 4:10] - _steiner(self.masses, self.centres)
+
+    @property
+    def rotors(self) -> Floats:
+        """(J,) kg m2, or kg, of the motors as their joints feel them."""
+        return self.parameters[:, 10]
+
 
 def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
-    """Bodies with the model's weight, by the torque constants of some joints (from 1), N m/A or N/A, none zero.
+    """Bodies with the model's loads, by the torque constants of some joints (from 1), N m/A or N/A, none zero.
 
     A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
-    centre lies on the link, and such that what a slide carries is what its own load says. Where torque constants
-    contradict the identified ratios, each joint's own link keeps its load in its own joint and the rest is reported.
+    centre lies on the link, and such that what a slide carries is what its own load says. A model with inertia then
+    moves masses, centres and moments (`_with_inertia`). Where torque constants contradict the identified ratios, each
+    joint's own link keeps its load in its own joint and the rest is reported.
     ModelError [torque-constants]: a slide carries less than nothing, or less than a slide beyond it.
 
     Source
@@ -65,6 +93,12 @@ def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
     wanted = formulas.moments * torques[:, None]
     carried, hidden = _carried(formulas, torques)
     masses, centres = _links(robot, wanted, carried=carried)
+    parameters = _balls(masses, centres, (3.0 * masses / (4.0 * np.pi * DENSITY)) ** (1.0 / 3.0))
+    if formulas.is_dynamic:
+        balls = _balls(masses, centres, REACH)
+        parameters, message, weighs = _with_inertia(formulas, torques, balls, carried=carried)
+        remarks.append(message)
+        hidden = hidden if weighs else [UNTOLD.format(joint) for joint in minimal(robot).embodied]
     plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
     rise, g = formulas.viscous.mean(axis=1) * torques, np.array(robot.gravity, dtype=float)
     remarks += hidden
@@ -76,21 +110,80 @@ def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
                 f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {stated:.4g}{way}, the"
                 f" logs say {ratio:.4g}"
             )
-    remarks += _off(formulas, torques, masses, centres=centres)
+    remarks += _off(formulas, torques, parameters)
     remarks += [
         f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0"
         for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1
     ]
     return Bodies(
-        masses=masses,
-        centres=centres,
-        inertias=0.4 * masses * (3.0 * masses / (4.0 * np.pi * DENSITY)) ** (2.0 / 3.0),
+        parameters=parameters,
         torques=torques,
         friction=np.maximum(0.5 * (plus - minus), 0.0),
         damping=np.maximum(rise, 0.0),
         mount=turn_of_z(-g).T if g.any() else np.eye(3),
         remarks=tuple(remarks),
     )
+
+
+def _balls(masses: Floats, centres: Floats, radius: Floats | float) -> Floats:
+    """(J, 11) parameters of balls, without rotors."""
+    tensors = np.outer(0.4 * masses * np.square(radius), [part[0] == part[1] for part in PARAMETERS[4:10]])
+    return np.column_stack(
+        [masses, masses[:, None] * centres, _steiner(masses, centres) + tensors, np.zeros(len(masses))]
+    )
+
+
+def _steiner(masses: Floats, centres: Floats) -> Floats:
+    """(J, 6) kg m2 that masses at their centres have about the origins."""
+    x, y, z = centres.T
+    return np.asarray(masses * [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]).T
+
+
+def _with_inertia(formulas: Formulas, torques: Floats, balls: Floats, *, carried: Floats) -> tuple[Floats, str, bool]:
+    """(J, 11) parameters of possible links near `balls` (J, 11) that have the model's base parameters, or of those that
+    are the fewest standard errors off; what is to be said; and whether slides weigh what `_carried` says of them.
+    """
+    links, parts = base_places(formulas.robot)
+    guess, covariance = balls.copy(), _errors(formulas, torques)
+    guess[:, 10] = np.where(formulas.robot.is_revolute, REACH**2, 1.0) * balls[:, 0]
+    sums, wanted = _conditions(formulas, torques, carried)
+    hidden = len(wanted) - len(links)
+    parameters, off = possible(guess, sums, wanted, covariance=block_diag(covariance, np.zeros((hidden, hidden))))
+    weighs = off is None or hidden == 0
+    if not weighs:
+        sums, wanted = sums[: len(links)], wanted[: len(links)]
+        parameters, off = possible(guess, sums, wanted, covariance=covariance)
+    if off is None:
+        message = (
+            "the data determine sums of the links' inertial parameters: of all possible links with these sums, those"
+        )
+        return parameters, f"{message} nearest to balls of {2.0 * REACH:g} m are written", weighs
+    errors, runs = np.sqrt(np.diag(covariance)), max(fit.runs for fit in formulas.estimate.joints)
+    moved = np.abs(sums @ parameters.ravel() - wanted) / np.where(errors > 0.0, errors, np.inf)
+    link, part = (places[np.argmax(moved)] for places in (links, parts))
+    message = (
+        f"no possible links have the model's inertial parameters: the nearest are written, {off:.3g} standard errors"
+        f" away, most of it in {PARAMETERS[part]} of link {link + 1} ({moved.max():.2g})"
+    )
+    if fisher.sf(off**2 / len(wanted), len(wanted), runs) < BY_CHANCE:
+        message += "; noise alone does not do that: see torque constants, lengths and missing effects"
+    return parameters, message, weighs
+
+
+def _conditions(formulas: Formulas, torques: Floats, carried: Floats) -> tuple[Floats, Floats]:
+    """(P, 11 J) sums of parameters of links that loads depend on, and their values (P,) by the model.
+
+    Behind the base parameters come weights, N, of slides of which Coulomb friction has taken them up, where what these
+    carry is known.
+    """
+    robot, (links, parts) = formulas.robot, base_places(formulas.robot)
+    base, still = np.zeros_like(formulas.bodies), np.zeros((robot.n_joints, 1))
+    base[links, parts] = (formulas.bodies * torques[:, None])[links, parts]
+    sums, constant = regrouping(robot)
+    weight = -carried * (robot.rotations(still.T)[0, :, :, 2] @ np.array(robot.gravity, dtype=float))
+    beside = (weight - asked(robot, base, (still, still, still))[:, 0])[~robot.is_revolute]
+    hidden = np.isin(np.flatnonzero(~robot.is_revolute) + 1, minimal(robot).embodied) & np.isfinite(beside)
+    return np.vstack([sums, constant[hidden]]), np.append(base[links, parts], beside[hidden])
 
 
 def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
@@ -106,7 +199,7 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
         if joint in structure.embodied:
             mass = -0.5 * formulas.coulomb[i].sum() * torques[i] / float(z[i] @ np.array(robot.gravity))
             if mass <= last:
-                said.append(f"joint {joint}: its load is part of its Coulomb friction and cannot be told as a mass")
+                said.append(UNTOLD.format(joint))
                 continue
             said.append(
                 f"joint {joint}: its load is part of its Coulomb friction; the mean of both directions, a mass of"
@@ -152,23 +245,53 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Fl
     return masses, centres
 
 
-def _off(formulas: Formulas, torques: Floats, masses: Floats, *, centres: Floats) -> Iterator[str]:
-    """Joints in which the bodies weigh something else than the model says, with how much."""
-    robot = formulas.robot
-    span = np.where(robot.is_revolute, np.pi, 0.5)
-    rng = np.random.default_rng(SEED)
-    position = rng.uniform(-span, span, (POSTURES, robot.n_joints))
+def _errors(formulas: Formulas, torques: Floats) -> Floats:
+    """(P, P) covariance of base parameters, each in its own link: the model's, which comes of few runs and so misses
+    most directions, with as many runs as parameters of one that has its standard errors and the correlations that
+    random motions would leave.
+
+    Source: O. Ledoit and M. Wolf, J. Multivariate Analysis 88 (2004) 365-411, for such means, here with another target.
+    """
+    robot, (links, parts), fits = formulas.robot, base_places(formulas.robot), formulas.estimate.joints
+    places = links * len(PARAMETERS) + parts
+    noise = torques * [fit.rmse or 1.0 for fit in fits]
+    table = [rows / size for rows, size in zip(whole(robot).rows(*_motion(formulas)), noise, strict=True)]
+    matrix = np.hstack([np.pad(rows, ((len(table[0]) - len(rows), 0), (0, 0))) for rows in table])[places]
+    expected = np.linalg.inv(np.corrcoef(matrix))
+    measured = formulas.covariance() * np.outer(torques[links], torques[links])
+    scale = np.sqrt(np.diag(measured) / np.diag(expected))
+    runs = max(fit.runs for fit in fits)
+    return np.asarray((runs * measured + len(links) * expected * np.outer(scale, scale)) / (runs + len(links)))
+
+
+def _motion(formulas: Formulas) -> tuple[Floats, Floats, Floats]:
+    """(J, N) random positions, velocities and accelerations, the latter zero where the model has no inertia."""
+    robot, rng = formulas.robot, np.random.default_rng(SEED)
+    limits = np.where(robot.is_revolute, np.pi, 0.5), highest_speeds(robot), accelerations(robot)
+    position, *rates = (rng.uniform(-1.0, 1.0, (robot.n_joints, POSTURES)) * limit[:, None] for limit in limits)
+    velocity, acceleration = (part * formulas.is_dynamic for part in rates)
+    return position, velocity, acceleration
+
+
+def _off(formulas: Formulas, torques: Floats, parameters: Floats) -> Iterator[str]:
+    """Joints of which the bodies ask something else than the model says, with how much."""
+    robot, motion = formulas.robot, _motion(formulas)
+    position, velocity, acceleration = (part.T for part in motion)
     wanted = formulas.weight(position) * torques
-    off = gravity_load(robot, Links(masses, centres), position)[0] - wanted
-    scale = max(float(np.abs(wanted).max()), REACH * float(masses.sum() * np.linalg.norm(robot.gravity)))
+    if formulas.is_dynamic:
+        wanted += formulas.inertia(position, velocity, acceleration) * torques
+    off = asked(robot, parameters, motion).T - wanted
+    hidden = np.array(minimal(robot).embodied, dtype=int) - 1
+    off[:, hidden] -= off[:, hidden].mean(axis=0)
+    weight = float(parameters[:, 0].sum() * np.linalg.norm(robot.gravity))
+    scale = max(float(np.abs(wanted).max()), REACH * weight)
     sizes, loads = (np.sqrt(np.mean(values**2, axis=0)) for values in (off, wanted))
-    hidden = minimal(robot).embodied
     for joint, size, load in zip(robot.joints, sizes, loads, strict=True):
-        if joint.number not in hidden and size > ROUNDING * scale:
-            unit = "N m" if joint.is_revolute else "N"
+        if size > ROUNDING * scale:
+            unit, share = "N m" if joint.is_revolute else "N", f" ({100.0 * size / load:.2g} %)" if load else ""
             yield (
-                f"joint {joint.number}: the masses ask {size:.3g} {unit} RMS more or less than the model, whose load is"
-                f" {load:.3g} {unit} RMS there"
+                f"joint {joint.number}: the bodies ask {size:.3g} {unit} RMS more or less than the model, whose load is"
+                f" {load:.3g} {unit} RMS there{share}"
             )
 
 

@@ -11,7 +11,7 @@ from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import Samples
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
-from pumaid.maths import Flags, Floats
+from pumaid.maths import Counts, Flags, Floats
 from pumaid.model import Model, felt_ratios, loads
 from pumaid.rigid_body import PARAMETERS, base_parameters
 from pumaid.robot import Robot
@@ -78,10 +78,8 @@ class Formulas:
         )
         moments, bodies = model.moments(estimate.solution), np.zeros((robot.n_joints, len(PARAMETERS)))
         if model.is_dynamic:
-            body, values = base_parameters(robot), estimate.solution[model.inertial]
-            links, parts = np.array([(link - 1, PARAMETERS.index(part)) for link, part in body.names]).T
-            mixed = np.eye(len(values)) if body.mixed is None else body.mixed
-            bodies[links, parts] = (mixed * np.nan_to_num(estimate.scales)[np.ix_(links, links)]) @ values
+            links, parts = base_places(robot)
+            bodies[links, parts] = _mixed(robot, estimate) @ estimate.solution[model.inertial]
         heavy = np.asarray(moments.any(axis=1))
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
@@ -129,12 +127,18 @@ class Formulas:
     def inertia(self, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
         """(N, J) A of the rigid body beside its weight, by the model's own regressor."""
         body = replace(base_parameters(self.robot), mixed=None, constants=None)
-        links, moved = np.array([link for link, _ in body.names]) - 1, np.empty_like(position)
+        (links, parts), moved = base_places(self.robot), np.empty_like(position)
         moving, still = (body.rows(position.T, k * velocity.T, k * acceleration.T) for k in (1.0, 0.0))
-        values = self.bodies[links, [PARAMETERS.index(part) for _, part in body.names]]
+        values = self.bodies[links, parts]
         for joint, (rows, rest) in enumerate(zip(moving, still, strict=True)):
             moved[:, joint] = (values * self.ratios[joint, links])[-len(rows) :] @ (rows - rest)
         return moved
+
+    def covariance(self) -> Floats:
+        """(P, P) of `bodies` where base parameters are; what the data do not tell has any plausible size."""
+        estimate, numbers = self.estimate, Model.of_estimate(self.robot, self.estimate).inertial
+        blind, mixed = estimate.blind[numbers], _mixed(self.robot, estimate)
+        return np.asarray(mixed @ (estimate.covariance[np.ix_(numbers, numbers)] + blind @ blind.T) @ mixed.T)
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
         """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""
@@ -151,6 +155,19 @@ class Formulas:
             Model.of_estimate(self.robot, self.estimate), self.estimate, position, np.ones_like(position)
         )
         return np.column_stack([loads_of(samples).moving for samples in instants])
+
+
+def base_places(robot: Robot) -> tuple[Counts, Counts]:
+    """(P,) link and (P,) parameter, both from 0, of each base parameter."""
+    links, parts = zip(*base_parameters(robot).names, strict=True)
+    return np.array(links) - 1, np.array([PARAMETERS.index(part) for part in parts])
+
+
+def _mixed(robot: Robot, estimate: Estimate) -> Floats:
+    """(P, P) parameters of links, each in its own gain, of which combinations are the base parameters."""
+    body, (links, _) = base_parameters(robot), base_places(robot)
+    mixed = np.eye(len(links)) if body.mixed is None else body.mixed
+    return np.asarray(mixed * np.nan_to_num(estimate.scales)[np.ix_(links, links)])
 
 
 def _instants(model: Model, estimate: Estimate, position: Floats, velocity: Floats) -> Iterator[Samples]:

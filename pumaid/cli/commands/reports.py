@@ -181,7 +181,7 @@ def export(
     experiment: Experiment,
     as_json: bool,
 ) -> None:
-    """Write a model for other programs: gravity and friction in C, Python, MATLAB or JSON, or as URDF or MJCF.
+    """Write a model for other programs: in C, Python, MATLAB or JSON, or as URDF or MJCF.
 
     What the form does not hold and the data do not tell stands at the head of each file and on standard error.
 

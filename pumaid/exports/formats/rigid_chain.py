@@ -1,4 +1,4 @@
-"""Chains of bodies that have the model's weight, with symmetric friction: URDF, and MJCF with motors in ampere."""
+"""Chains of bodies that have the model's loads, with symmetric friction: URDF, and MJCF with motors in ampere."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from pumaid.exports import Form, Subject, head
 from pumaid.exports.formulas import Lack
 from pumaid.maths import Floats
-from pumaid.robot import roll_pitch_yaw
+from pumaid.robot import Robot, roll_pitch_yaw
 
 #: What stands for a limit that the recipe does not give: URDF asks for a number.
 NO_LIMIT = 1e6
@@ -39,8 +39,8 @@ def written(root: ET.Element, subject: Subject, *, left_out: tuple[Lack, ...], r
     return f'<?xml version="1.0" encoding="utf-8"?>\n<!--\n{comment}\n-->\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def weights_only(subject: Subject) -> tuple[Lack, ...]:
-    """What a chain of masses with friction leaves out of a model."""
+def not_of_bodies(subject: Subject) -> tuple[Lack, ...]:
+    """What a chain of bodies with friction leaves out of a model."""
     formulas = subject.formulas
     lacks = {lack.name: lack for lack in formulas.left_out}
     for term in formulas.terms:
@@ -48,8 +48,10 @@ def weights_only(subject: Subject) -> tuple[Lack, ...]:
     lacks["direction"] = Lack("direction of friction", "the mean of forward and backward is written")
     if (formulas.shaft != 0).sum() > len(formulas.shaft):
         lacks["shaft"] = Lack("coupled gears", "friction follows each joint's own velocity, not its motor shaft's")
-    where = "the model's are in c, python, json and matlab" if formulas.is_dynamic else "no current showed them"
-    lacks["inertia"] = Lack("inertia", f"moments of inertia are made up (balls of aluminium); {where}")
+    if not formulas.is_dynamic:
+        lacks["inertia"] = Lack(
+            "inertia", "moments of inertia are made up (balls of aluminium), no current showed them; rotors have none"
+        )
     return tuple(lacks.values())
 
 
@@ -59,7 +61,7 @@ def urdf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     assert held is not None
     gravity = float(np.linalg.norm(robot.gravity))
     lacks = [
-        *weights_only(subject),
+        *not_of_bodies(subject),
         Lack("size of gravity", f"set {gravity:.6g} m/s2 along -z in the program that reads it"),
     ]
     if any(joint.limits is None or joint.max_velocity is None for joint in robot.joints):
@@ -69,6 +71,9 @@ def urdf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
                 f"limits that the recipe does not give are written as {NO_LIMIT:g}; a joint that turns is continuous",
             )
         )
+    centres, tensors = held.centres, held.tensors
+    if held.rotors.any():
+        lacks.append(_rotors(robot, held.rotors, tensors))
     left_out = (*lacks, Lack("effort", f"no current limit is known, so effort is written as {NO_LIMIT:g}"))
     root = ET.Element("robot", name=xml_name(robot.name))
     add(root, "link", name="world")
@@ -84,12 +89,24 @@ def urdf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
         add(out, "limit", effort=NO_LIMIT, velocity=joint.max_velocity or NO_LIMIT, **limits)
         add(out, "dynamics", damping=held.damping[i], friction=held.friction[i])
         inertial = add(add(root, "link", name=f"link{i + 1}"), "inertial")
-        add(inertial, "origin", xyz=held.centres[i], rpy="0 0 0")
+        add(inertial, "origin", xyz=centres[i], rpy="0 0 0")
         add(inertial, "mass", value=held.masses[i])
-        size = held.inertias[i]
-        add(inertial, "inertia", ixx=size, ixy="0", ixz="0", iyy=size, iyz="0", izz=size)
+        add(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), tensors[i], strict=True)))
     remark = f"Gravity: 0 0 -{gravity!r} m/s2 in the world."
     return {".urdf": written(root, subject, left_out=left_out, remarks=(*held.remarks, remark))}, left_out
+
+
+def _rotors(robot: Robot, rotors: Floats, tensors: Floats) -> Lack:
+    """What is said of rotors, after that of the first joint, where it turns, became a disc of its link's tensor."""
+    beside = rotors.copy()
+    if robot.joint(1).is_revolute:
+        tensors[0, [0, 3, 5]] += np.array([0.5, 0.5, 1.0]) * rotors[0]
+        beside[0] = 0.0
+    sizes = ", ".join(map(repr, beside.tolist()))
+    return Lack(
+        "inertia of rotors",
+        f"URDF has no place for it; set {sizes} kg m2 (kg of a slide) where it is read (pinocchio's armature)",
+    )
 
 
 def _joint(
@@ -107,16 +124,16 @@ def mjcf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     """A chain for MuJoCo; a motor's control is its current: its gear is the torque constant."""
     robot, held = subject.formulas.robot, subject.bodies
     assert held is not None
-    left_out = (*weights_only(subject), Lack("speed limits", "MJCF has no place for them"))
+    left_out = (*not_of_bodies(subject), Lack("speed limits", "MJCF has no place for them"))
     root = ET.Element("mujoco", model=xml_name(robot.name))
     add(root, "compiler", angle="radian", autolimits="true", balanceinertia="false", inertiafromgeom="false")
     add(root, "option", gravity=[0.0, 0.0, -float(np.linalg.norm(robot.gravity))])
     parent = add(add(root, "worldbody"), "body", name="base", xyaxes=held.mount[:, :2].T)
-    actuators = ET.Element("actuator")
+    actuators, centres, tensors = ET.Element("actuator"), held.centres, held.tensors
     for i, joint in enumerate(robot.joints):
         name, place, turn = xml_name(joint.name), joint.frame[:3, 3], joint.frame[:3, :3]
         parent = add(parent, "body", name=f"link{joint.number}", pos=place, xyaxes=turn[:, :2].T)
-        add(parent, "inertial", pos=held.centres[i], mass=held.masses[i], diaginertia=[held.inertias[i]] * 3)
+        add(parent, "inertial", pos=centres[i], mass=held.masses[i], fullinertia=tensors[i, [0, 3, 5, 1, 2, 4]])
         limits = {} if joint.limits is None else {"range": joint.limits}
         add(
             parent,
@@ -127,6 +144,7 @@ def mjcf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
             **limits,
             frictionloss=held.friction[i],
             damping=held.damping[i],
+            armature=held.rotors[i],
         )
         add(actuators, "motor", name=name, joint=name, gear=held.torques[i])
     root.append(actuators)
