@@ -1,5 +1,6 @@
 """The runs of one joint as one table of bins: what every fit and every test of a fit is computed from."""
 
+import copy
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -58,12 +59,23 @@ class JointBins:
     def __len__(self) -> int:
         return len(self.current)
 
-    @property
+    def with_samples(self, samples: Samples) -> "JointBins":
+        """The same bins with the same samples, and their loads."""
+        out = copy.copy(self)  # with all that was worked out of them
+        out.__dict__.update(samples=samples, kept=self.kept)
+        return out
+
+    @cached_property
+    def kept(self) -> dict[Any, Floats]:
+        """Columns of these samples, without loads, for whoever needs them again."""
+        return {}
+
+    @cached_property
     def run(self) -> Counts:
         """(N,) number of the run (from 0) that each bin belongs to."""
         return self.samples.run.astype(np.int64)
 
-    @property
+    @cached_property
     def lengths(self) -> Counts:
         """(R,) bins of each run."""
         return np.diff(self.first, append=len(self))
@@ -72,22 +84,26 @@ class JointBins:
         """(R, ...) sums over the bins of each run."""
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
-    @property
+    def products(self, values: Floats, columns: Floats) -> Floats:
+        """(R, V) sums over the bins of each run of (N,) values times each of (N, V) columns."""
+        return np.array([self.sums(column * values) for column in columns.T]).T
+
+    @cached_property
     def accelerates(self) -> Flags:
         """(R,) runs that are not at constant speed: strokes, and blocks."""
         return np.array([run.accelerates for run in self.runs], dtype=bool)
 
-    @property
+    @cached_property
     def is_block(self) -> Flags:
         """(R,) runs in which all joints may move."""
         return np.array([run.kind == BLOCK for run in self.runs], dtype=bool)
 
-    @property
+    @cached_property
     def mean_square(self) -> float:
         """Mean squared current of a sample, A2."""
         return float(self.count @ (self.current**2 + self.inside) / self.count.sum())
 
-    @property
+    @cached_property
     def speeds(self) -> tuple[float, ...]:
         """Distinct speeds, rising, rad/s or m/s; of blocks, in which a joint has any, tenths of those it has."""
         moving = np.abs(self.samples.velocity[self.is_block[self.run], self.joint - 1])
@@ -110,7 +126,7 @@ class JointBins:
         """Runs (from 0) by held posture."""
         return [*map(tuple, posture_groups(np.array([run.posture for run in self.runs]), SAME_POSTURE))]
 
-    @property
+    @cached_property
     def pairs(self) -> list[tuple[int, int]]:
         """Neighbours in time among runs that repeat one another."""
         return [pair for group in self.groups for pair in itertools.pairwise(group)]

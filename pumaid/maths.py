@@ -99,6 +99,8 @@ def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOL
 
 def pseudo_inverse(information: Floats) -> tuple[Floats, int]:
     """Pseudo-inverse (P, P) of a symmetric matrix in scaled columns, and the rank."""
+    if information.size == 1 and information > 0.0:
+        return 1.0 / information, 1
     half = inverse_root(information)
     return half @ half.T, half.shape[1]
 
@@ -273,7 +275,8 @@ OTHER_RATIOS, BETTER = (USUAL_RATIO, -USUAL_RATIO), 0.98
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bilinear:
-    """The whitened system: each equation's row of the system (N,), (N, p) regressors over all columns, (N,) target.
+    """The whitened system: each equation's row of the system (N,), or the row (1,) of all; (N, p) regressors over all
+    columns, (N,) target.
 
     `owners` (p,) is the row (from 0) that owns each column; -1 for one that counts in every row's own current.
     """
@@ -285,13 +288,17 @@ class Bilinear:
 
     def scaled(self, gains: Gains) -> Floats:
         """(N, p) regressors times eta_row / eta_owner; unknown ratios count as zero."""
+        return self.regressors * self._factors(gains)[self.row]
+
+    def _factors(self, gains: Gains) -> Floats:
+        """(rows, p) eta_row / eta_owner."""
         shared = np.ones((gains.n_rows, 1))  # what owner -1 finds
-        factors = np.hstack([np.nan_to_num(gains.scales()), shared])[:, self.owners]
-        return self.regressors * factors[self.row]
+        return np.hstack([np.nan_to_num(gains.scales()), shared])[:, self.owners]
 
     def left(self, values: Floats, gains: Gains) -> Floats:
         """(N,) what parameters and ratios leave of the target."""
-        return self.target - self.scaled(gains) @ values
+        drawn = self.regressors @ (self._factors(gains) * values).T
+        return self.target - drawn[np.arange(len(drawn)), self.row]
 
     def condensed(self) -> "Bilinear":
         """The same sums of squares, at any parameters and gains, in few equations, however many there are.
@@ -316,7 +323,7 @@ class Bilinear:
         # The way from an owner to a row by an edge: from the owner up to its lower end, and from its upper end on;
         # where it does not lead there one of the two is unknown, and counts as zero.
         scales = np.nan_to_num(gains.scales())
-        parts = (self.regressors * values) @ (self.owners[:, None] == np.arange(gains.n_rows))
+        parts = self.regressors @ (values[:, None] * (self.owners[:, None] == np.arange(gains.n_rows)))
         return np.hstack([self.scaled(gains), scales[:, gains.uppers][self.row] * (parts @ scales[gains.edges].T)])
 
 

@@ -205,8 +205,13 @@ class Model:
 
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        beyond = self.beyond(replace(bins.nodes[0], loads=gravity))
-        return np.hstack([self._base_means(bins), bins.averaged(beyond)])
+        out = np.zeros((len(bins), len(self.columns)), order="F")
+        out[:, : len(self._base)] = self._base_means(bins)
+        places = np.array([-1 if column.place is None else column.place for column in self.columns])
+        for place, term in enumerate(self.effects):
+            if term.touches(bins.joint):
+                out[:, places == place] = self._means(bins, term, gravity)
+        return out
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
@@ -217,6 +222,16 @@ class Model:
         if bins not in self._base_designs:
             self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
         return self._base_designs[bins]
+
+    def _means(self, bins: JointBins, term: EffectTerm, gravity: Loads | None) -> Floats:
+        """(N, k) means of an effect's columns over bins; where neither loads nor shapes change them kept with these."""
+        key = term.effect, term.joint
+        if key in bins.kept:
+            return bins.kept[key]
+        means = bins.averaged(term.columns(self.robot, replace(bins.nodes[0], loads=gravity)))
+        if not (term.effect.needs_loads or term.shape):
+            bins.kept[key] = means
+        return means
 
     def _base_at_nodes(self, bins: JointBins) -> Floats:
         """(3 N, b) columns of the paper's model at the nodes of bins."""
@@ -260,14 +275,17 @@ class Model:
         solution = np.linalg.lstsq(table, torque.ravel(), rcond=1e-9)[0]
         return solution[:-n], solution[-n:]
 
-    def base(self, samples: Samples) -> Floats:
-        """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone."""
+    def base(self, samples: Samples, scopes: Sequence[Scope] = (Scope.LINK, Scope.JOINT)) -> Floats:
+        """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone; zero of
+        what is not of `scopes`.
+        """
         out, columns = np.zeros((len(samples), len(self._base))), enumerate(self._base)
         for (name, owner), group in itertools.groupby(columns, lambda item: (item[1].effect, item[1].owner)):
             effect = catalogue().get(name)
             if (
                 effect
                 and effect.base
+                and effect.scope in scopes
                 and (owner == samples.joint or (effect.scope is Scope.LINK and owner > samples.joint))
             ):
                 names = [parameter.name for parameter in effect.parameters(self.robot, owner)]
@@ -291,8 +309,8 @@ class Model:
 
     def friction(self, samples: Samples, solution: Floats) -> Floats:
         """(M,) A that the moving joint draws by the paper's model beside its load; `solution` (p,) are parameters."""
-        base = self.base(replace(samples, acceleration=np.zeros(len(samples))))
-        return np.asarray(base @ np.where(self.is_scaled, 0.0, solution)[: base.shape[1]])
+        base = self.base(replace(samples, acceleration=np.zeros(len(samples))), (Scope.JOINT,))
+        return np.asarray(base @ solution[: base.shape[1]])
 
     def beyond(self, samples: Samples) -> Floats:
         """(M, e) the columns of chosen effects, in the order in which they come after the paper's model."""

@@ -8,6 +8,7 @@ from functools import lru_cache, partial
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, special
 
 from pumaid.dataset import Dataset
@@ -216,7 +217,7 @@ class Spectrum:
 
     def statistic(self) -> Floats:
         """(F,) twice the gain in log likelihood."""
-        return np.asarray(np.abs(self.scores.sum(axis=0)) ** 2 / self.information)
+        return np.asarray(np.abs(self.scores.sum(axis=0, dtype=complex)) ** 2 / self.information)
 
     def peak(self) -> float:
         """Frequency of the largest statistic, by a parabola through it and its neighbours."""
@@ -240,10 +241,14 @@ class Spectrum:
         rng, flips, out = np.random.default_rng(SEED), np.sign(signs), np.zeros(len(signs))
         if self.is_pieces:
             flips = rng.choice([-1.0, 1.0], size=(len(signs), len(self.scores)))
-        scaled, flips = (self.scores / np.sqrt(self.information)).astype(np.complex64), flips.astype(np.float32)
-        for block in (scaled[:, start : start + AT_ONCE] for start in range(0, scaled.shape[1], AT_ONCE)):
-            cosine, sine = (np.square(flips @ part.copy()) for part in (block.real, block.imag))
-            np.maximum(out, np.max(cosine + sine, axis=1), out=out)
+        flips, unit = flips.astype(np.float32), (1.0 / np.sqrt(self.information)).astype(np.float32)
+        for part in (slice(start, start + AT_ONCE) for start in range(0, len(unit), AT_ONCE)):
+            block = self.scores[:, part] * unit[part]
+            cosine, sine = flips @ block.real.copy(), flips @ block.imag.copy()
+            cosine *= cosine
+            sine *= sine
+            cosine += sine
+            np.maximum(out, cosine.max(axis=1), out=out)
         return out
 
 
@@ -289,7 +294,8 @@ def spectrum(
         return None
     back = noise.unwhiten(bins, white) * grid.usable[bins.run]
     shared = _shared(grid.place, back, piece=grid.piece, points=int(grid.place.max()) + 2)
-    scores = np.conj(fft.rfft(shared, n=grid.points, axis=1)[:, grid.chosen]) * (grid.turn / scale)
+    scores = np.conj(fft.rfft(shared, n=grid.points, axis=1)[:, grid.chosen])
+    scores *= grid.turn / np.float32(scale)
     rho = noise.correlation
     weight = np.where(grid.usable, 0.5 * bins.lengths / (noise.spread**2 * (1.0 - rho**2)), 0.0)
     information = weight @ (1.0 + rho**2) - (2.0 * weight * rho) @ grid.likeness
@@ -349,7 +355,7 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
         usable,
         np.where(usable[bins.run], (q - start) / step, 0.0),
         _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run,
-        np.exp(1j * frequency * start) / np.sinc(0.5 * frequency * step / np.pi) ** 2,
+        (np.exp(1j * frequency * start) / np.sinc(0.5 * frequency * step / np.pi) ** 2).astype(np.complex64),
         likeness,
     )
 
@@ -361,7 +367,7 @@ def _pieces(bins: JointBins, way: Floats) -> Counts:
     return np.asarray((np.cumsum(parts) - parts)[bins.run] + within)
 
 
-def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Floats:
+def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> NDArray[np.float32]:
     """(S, points) values at places between the points of a grid, shared out to both sides; what is off it is zero."""
     lower = np.clip(np.floor(place), 0, points - 2).astype(np.int64)
     part, index = place - lower, piece * points + lower
@@ -370,7 +376,7 @@ def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> Flo
         np.concatenate([values * (1.0 - part), values * part]),
         minlength=int(piece[-1] + 1) * points,
     )
-    return np.asarray(out.reshape(-1, points), dtype=np.float64)
+    return out.reshape(-1, points).astype(np.float32)  # six digits of a chance, in half the time
 
 
 def _likeness(ways: Floats, frequency: Floats) -> Floats:

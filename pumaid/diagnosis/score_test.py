@@ -1,6 +1,6 @@
 """Tests of a candidate: its score beside a fit, the best of the catalogue by sign flips, and what repeats."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -108,6 +108,10 @@ def score_of(
     return ScoreTest(added, statistic, information, sizes, scores, float(share[visible].max()), signs)
 
 
+#: Columns that are scored together: what a processor's cache holds.
+AT_ONCE = 32
+
+
 def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     """Score every candidate in every shape.
 
@@ -115,8 +119,11 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     ------
     C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50-57, the score test; whitened, so of generalised least squares.
     """
-    projector = Projector(solved)
-    tests = (test for group in tried.groups.values() for test in scores_at(projector, group))
+    projector, tests = Projector(solved), list[ScoreTest | None]()
+    for group in tried.groups.values():
+        few = max(AT_ONCE // len(group[0].effect.parameters(solved.model.robot, group[0].number)), 1)
+        for part in (group[start : start + few] for start in range(0, len(group), few)):
+            tests += scores_at(projector, part, projector.grid(part))
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
@@ -168,9 +175,12 @@ def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
     return scores_at(projector, [added])[0]
 
 
-def scores_at(projector: Projector, terms: Sequence[EffectTerm]) -> list[ScoreTest | None]:
-    """The same for several shapes of one effect at once."""
-    solved, white = projector.solved, projector.whitened(projector.columns(terms))
+def scores_at(
+    projector: Projector, terms: Sequence[EffectTerm], columns: Mapping[int, Floats] | None = None
+) -> list[ScoreTest | None]:
+    """The same for several shapes of one effect at once, their `columns` by joint made where not given."""
+    solved = projector.solved
+    white = projector.whitened(projector.columns(terms) if columns is None else columns)
     if not white:
         return [None] * len(terms)
     width = next(iter(white.values())).shape[1] // len(terms)

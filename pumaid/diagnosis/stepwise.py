@@ -164,8 +164,9 @@ class Stepwise:
             [joint_bins(model.robot, part, most=limit, begun=begun) for limit in (COARSE, FINE)]
             for part in (runs, unseen)
         )
-        self._first = fit_bins(model, self._bins[0])
+        self._first, self._settling = fit_bins(model, self._bins[0]), settling(self._bins[0])
         self._latest: tuple[list[EffectTerm], Fit] | None = None
+        self._like: Fit | None = None
         self.denied: list[EvaluatedCandidate] = []
         self.added, self.steps, self.accepted = list(given), list[Step](), list[EvaluatedCandidate]()
 
@@ -194,12 +195,11 @@ class Stepwise:
 
     def _unsized(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
         """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
-        return refit(
-            self._first,
-            self.model.with_effects(marked([*settling(self._bins[0]), *added])),
-            bins=_chosen(self._bins, added),
-            noise=noises,
-        )
+        model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self._bins, added)
+        fitted = refit(self._first, model, bins=bins, noise=noises, like=self._like)
+        if noises is None:
+            self._like = fitted
+        return fitted
 
     def run(self) -> Fit:
         """Add until nothing passes, again without what runs held out deny; the final system."""

@@ -98,26 +98,43 @@ def loads_of(samples: Samples) -> Loads:
     return samples.loads
 
 
-@lru_cache(maxsize=1)  # asked again for every quantity, and every instant at which a payload may have come
-def _unit_body(robot: Robot, samples: Samples) -> Floats:
-    """(M, 4) A that a unit of mass at the last link's origin draws, and a unit of first moment along each of its axes.
+@dataclass(frozen=True, eq=False, slots=True)
+class _Positions:
+    """(M, J) positions of a moving joint of an arm, the same as others if their array is."""
 
-    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass. Zero
-    where the ratio of gains to the last joint is not known.
+    robot: Robot
+    joint: int
+    values: Floats
+
+    def __hash__(self) -> int:
+        return id(self.values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Positions) and self.values is other.values and self.robot is other.robot
+
+
+@lru_cache(
+    maxsize=16
+)  # asked again for every quantity, at each look, and every instant at which a payload may have come
+def _unit_body(at: _Positions) -> Floats:
+    """(4, M) N m (N) of a unit of mass at the last link's origin, and of a unit of first moment along each of its axes.
+
+    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
     """
-    i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
-    frames, places = robot.frames(samples.position)
+    i, robot, g = at.joint - 1, at.robot, np.asarray(at.robot.gravity, dtype=float)
+    frames, places = robot.frames(at.values)
     z_i, last = frames[:, i, :, 2], frames[:, -1]
-    if robot.joints[i].is_revolute:
-        levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
-        felt = np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
-    else:
-        felt = np.column_stack([-(z_i @ g), np.zeros((len(samples), 3))])
-    return np.asarray(felt * np.nan_to_num(loads_of(samples).gains[-1]))
+    if not robot.joints[i].is_revolute:
+        return np.vstack([-(z_i @ g), np.zeros((3, len(z_i)))])
+    levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
+    return np.einsum("mk,mkp->pm", np.cross(z_i, g), levers)
 
 
 def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
-    return _unit_body(robot, samples)[:, part]
+    """(M,) A; zero where the ratio of gains to the last joint is not known."""
+    gain = loads_of(samples).gains[-1]
+    felt = _unit_body(_Positions(robot, samples.joint, samples.position))[part]
+    return felt * gain if np.isfinite(gain) else 0.0 * felt
 
 
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
@@ -157,7 +174,7 @@ def columns(
     1, 0 for the whole arm).
     """
     robot, samples, owner = motion
-    out = np.zeros((len(samples), len(names)))
+    out = np.zeros((len(names), len(samples))).T  # a column in one piece: filters go along it
     if not formula:
         return out
     codes, used = _compiled(formula, names)

@@ -199,14 +199,18 @@ class Fit:
         """Linear parameters of an effect, by its place in the model."""
         return self.values[[n for n in self.columns_of(place) if self.model.columns[n].shape is None]]
 
+    @cached_property
+    def named(self) -> dict[str, float]:
+        """Linear parameters by name."""
+        return dict(zip(self.model.names, self.values.tolist(), strict=True))
+
     def signs(self, term: EffectTerm) -> Floats:
         """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
         signs = np.array(term.effect.signs(term.shape), dtype=float)
         if len(signs) == 0:
             return np.zeros(len(term.effect.parameters(self.model.robot, term.number)))
         # Friction draws current along the motion, or, where the motor counts it so, backwards.
-        values = dict(zip(self.model.names, self.values, strict=True))
-        plus, minus = (values.get(f"coulomb.j{term.number}.{way}", 0.0) for way in ("plus", "minus"))
+        plus, minus = (self.named.get(f"coulomb.j{term.number}.{way}", 0.0) for way in ("plus", "minus"))
         return signs * (np.sign(plus - minus) if term.effect.opposes_motion else 1.0)
 
     @cached_property
@@ -231,11 +235,12 @@ class Fit:
         (N, p) `design` is by its model; where not given it is made, and the bins have loads by the fit.
         """
         local = self._beside(bins, design)
-        bins = bins if design is not None else replace(bins, samples=with_loads(self, bins))
+        bins = bins if design is not None else bins.with_samples(with_loads(self, bins))
         bare, misfit = local.jacobian(self.gains, self.values), local.left(self.values, self.gains)
-        noise = noise or noise_of(bins, misfit)
-        white = noise.whiten(bins, np.column_stack([bare, misfit]))
-        return FitRow(bins, noise, white[:, :-1], white[:, -1], bare, misfit)
+        noise, live = noise or noise_of(bins, misfit), np.flatnonzero(bare.any(axis=0))
+        jacobian = np.zeros(bare.shape, order="F")
+        jacobian[:, live] = noise.whiten(bins, bare.T[live].T)
+        return FitRow(bins, noise, jacobian, noise.whiten(bins, misfit), bare, misfit)
 
     def misfit(self, bins: JointBins) -> Floats:
         """(N,) A that it leaves at any bins of a joint."""
@@ -243,7 +248,7 @@ class Fit:
 
     def _beside(self, bins: JointBins, design: Floats | None = None) -> Bilinear:
         design = design_of(self.model, bins, self) if design is None else design
-        return Bilinear(np.full(len(bins), bins.joint - 1), design, bins.current, self.system.owners)
+        return Bilinear(np.array([bins.joint - 1]), design, bins.current, self.system.owners)
 
 
 def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
@@ -282,7 +287,7 @@ def elsewhere(fitted: Fit, bins: JointBins) -> FitRow:
 def loaded(fitted: Fit) -> Fit:
     """The same fit, the bins of which have loads by it, for candidates that need them."""
     rows = {
-        joint: replace(row, bins=replace(row.bins, samples=with_loads(fitted, row.bins)))
+        joint: replace(row, bins=row.bins.with_samples(with_loads(fitted, row.bins)))
         for joint, row in fitted.by_bin.items()
     }
     return fitted.with_rows(rows)
@@ -339,7 +344,11 @@ class Projector:
     @cached_property
     def base_scores(self) -> Floats:
         """(R, P) score of each run for the fit's parameters."""
-        return np.vstack([row.bins.sums(row.jacobian * row.residual[:, None]) for row in self.solved.joints])
+        out = np.zeros((sum(len(row.bins.runs) for row in self.solved.joints), len(self.solved.inverse)))
+        for joint, (acting, derivatives) in self.acting.items():
+            row = self.solved.by_bin[joint]
+            out[self.runs[joint], acting] = row.bins.products(row.residual, derivatives.T)
+        return out
 
     @cached_property
     def acting(self) -> dict[int, tuple[Counts, Floats]]:
@@ -355,6 +364,18 @@ class Projector:
                 columns = np.hstack([term.linear(robot, self._samples[row.bins.joint]) for term in terms])
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
+
+    def grid(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
+        """`columns` of shapes that are asked for at each look: made once, unless they are of the load."""
+        if terms[0].effect.needs_loads or self.at_nodes:
+            return self.columns(terms)
+        key = tuple((term.effect, term.joint, *term.shape.values()) for term in terms)
+        touched = [row.bins for row in self.solved.joints if terms[0].touches(row.bins.joint)]
+        if not all(key in bins.kept for bins in touched):
+            made = self.columns(terms)
+            for bins in touched:
+                bins.kept[key] = made.get(bins.joint, np.zeros((0, 0)))
+        return {bins.joint: bins.kept[key] for bins in touched if bins.kept[key].size}
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""
@@ -380,7 +401,7 @@ class Projector:
         scores, gram = -self.base_scores @ turned, np.zeros((cross.shape[1] // width, width, width))
         for joint, columns in white.items():
             row = self.solved.by_bin[joint]
-            scores[self.runs[joint]] += row.bins.sums(columns * row.residual[:, None])
+            scores[self.runs[joint]] += row.bins.products(row.residual, columns)
             gram += _products(columns, columns, width)
         raw = np.diagonal(gram, axis1=1, axis2=2).ravel()
         return scores, gram - _products(cross, turned, width), raw

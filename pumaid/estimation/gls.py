@@ -78,7 +78,7 @@ def fit_bins(
     Source: S.-K. Lin, Theorem 1, for the recursion; the refinement is maximum likelihood for the same system.
     """
     tell = progress or (lambda joint, text: None)
-    rows = tuple(_row(model, part, before) for part in sorted(bins, key=lambda part: -part.joint))
+    rows = tuple(_row(model, part, before, like=before) for part in sorted(bins, key=lambda part: -part.joint))
     assigned = assign(model, [row.joint for row in rows])
     owners, limit = owners_of(model, assigned), limits(rows, model)
     paper, start, noises, weak = _recursions(model, rows, owners, limit, tell=tell)
@@ -100,14 +100,20 @@ def fit_bins(
     return _refined(fitted, start)
 
 
-def _row(model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel | None = None) -> Row:
-    """The runs of a joint in `model`; as they were `before` where neither effects nor noise differ there."""
-    old = None if before is None else next((row for row in before.rows if row.bins is bins), None)
-    if before is not None and old is not None and noise in (None, old.inner):
-        terms = [[term for term in part.effects if term.touches(bins.joint)] for part in (before.model, model)]
+def _row(
+    model: Model, bins: JointBins, before: Fit | None, *, noise: NoiseModel | None = None, like: Fit | None = None
+) -> Row:
+    """The runs of a joint in `model`; as they are in `like` where neither effects nor noise differ there."""
+    old = None if like is None else next((row for row in like.rows if row.bins is bins), None)
+    design = None
+    if like is not None and old is not None:
+        terms = [[term for term in part.effects if term.touches(bins.joint)] for part in (like.model, model)]
         if terms[0] == terms[1] and not any(term.effect.needs_loads for term in terms[0]):
-            return old.in_columns(before.model.names, model.names)
-    design = design_of(model, bins, before)
+            old = old.in_columns(like.model.names, model.names)
+            if noise in (None, old.inner):
+                return old
+            design = old.design
+    design = design_of(model, bins, before) if design is None else design
     if noise is not None:
         return Row.of(bins, design, noise)
     inner, slow = inside_runs(bins, design)
@@ -188,17 +194,19 @@ def refit(
     bins: Sequence[JointBins] | None = None,
     noise: Mapping[int, NoiseModel] | None = None,
     is_renewed: bool = False,
+    like: Fit | None = None,
 ) -> Fit:
     """The joint fit of another model, from where `before` ended and with its variances: a quick one.
 
     `bins` are the runs, where not those of `before`, `noise` by joint (from 1) what the fit is weighted by, where not
-    as before; `is_renewed` asks to estimate noise inside runs anew, by what the other model leaves of each.
+    as before; `is_renewed` asks to estimate noise inside runs anew, by what the other model leaves of each; rows are
+    taken from `like`, where not from `before`, if they are the same.
     """
     chosen = [row.bins for row in before.rows] if bins is None else sorted(bins, key=lambda part: -part.joint)
     given = dict(noise or {})
     if noise is None and bins is None and not is_renewed:
         given = {row.joint: row.inner for row in before.rows}
-    rows = tuple(_row(model, part, before, noise=given.get(part.joint)) for part in chosen)
+    rows = tuple(_row(model, part, before, noise=given.get(part.joint), like=like or before) for part in chosen)
     noises = dict[int, NoiseModel]()
     for row in rows:
         old, part = before.noises[row.joint], (noise or {}).get(row.joint)

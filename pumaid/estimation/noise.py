@@ -56,7 +56,8 @@ class NoiseModel:
         out = self.decorrelated(bins, values)
         if self.level.any():
             ones, shrunk = _levelled(self, bins)
-            out -= (shrunk * bins.sums((out.T * ones).T)[bins.run].T).T
+            for column in np.atleast_2d(out.T):
+                column -= shrunk * np.repeat(bins.sums(column * ones), bins.lengths)
         return out
 
     def unwhiten(self, bins: JointBins, white: Floats) -> Floats:
@@ -74,11 +75,11 @@ class NoiseModel:
 
     def decorrelated(self, bins: JointBins, values: Floats) -> Floats:
         """(N, ...) values times the inverse root of the covariance without the level that a run shares."""
-        fresh = np.sqrt(1.0 - self.correlation**2)
-        out = values.copy()
-        out[1:] -= (self.correlation[bins.run[1:]] * values[:-1].T).T
-        out[bins.first] = (fresh * values[bins.first].T).T
-        return np.asarray((out.T / (self.spread * fresh)[bins.run]).T)
+        (lead, back), columns = _filter(self, bins), np.ascontiguousarray(values.T)
+        out = columns * lead
+        for new, old in zip(np.atleast_2d(out), np.atleast_2d(columns), strict=True):  # else large arrays in between
+            new[1:] -= old[:-1] * back[1:]
+        return np.asarray(out.T)
 
     def at(self, bins: JointBins, others: JointBins) -> "NoiseModel":
         """Of other runs of the joint than those in `bins`, by the nearest in speed: slow noise keeps its density."""
@@ -103,6 +104,16 @@ class NoiseModel:
 
 
 @lru_cache(maxsize=16)  # the same for all columns that are tried
+def _filter(noise: NoiseModel, bins: JointBins) -> tuple[Floats, Floats]:
+    """(N,) factors of each value, and of the one before it, in the difference of neighbours that is white."""
+    fresh = np.sqrt(1.0 - noise.correlation**2)
+    lead = (1.0 / (noise.spread * fresh))[bins.run]
+    back = noise.correlation[bins.run] * lead
+    lead[bins.first], back[bins.first] = 1.0 / noise.spread, 0.0
+    return lead, back
+
+
+@lru_cache(maxsize=16)
 def _levelled(noise: NoiseModel, bins: JointBins) -> tuple[Floats, Floats]:
     """(N,) a level that a run shares, with the noise of its bins taken out, and what of it whitening takes away."""
     ones = noise.decorrelated(bins, np.ones(len(bins)))
