@@ -80,6 +80,21 @@ class Collision:
             with np.errstate(divide="ignore"):
                 share = min(1.0, share + float(np.min((distance - margin) / rates)))
 
+    def first_hit_along(self, path: Floats) -> str | None:
+        """The same of a path through many near positions (N, J), straight between two of them."""
+        if self.is_free:
+            return None
+        gone, place = np.cumsum(np.abs(np.diff(path, axis=0, prepend=path[:1])) @ self._reach.T, axis=0), 0
+        while place < len(path) - 1:
+            room = self.distances(path[place]) - self.safety.margin - TOLERANCE
+            ahead = int(np.count_nonzero((gone[place:] - gone[place] <= room).all(axis=1))) - 1
+            if ahead < 1:
+                ahead, hit = 1, self.first_hit(path[place], path[place + 1])
+                if hit is not None:
+                    return hit
+            place += ahead
+        return None
+
     def distances(self, position: Floats) -> Floats:
         """(P,) m between the P pairs at joint positions (J,), negative where they overlap."""
         import mujoco

@@ -5,7 +5,7 @@ is what every joint gets whatever it tells, since diagnosis needs it: postures, 
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -422,15 +422,23 @@ def _with_forecast(bare: Plan, planner: Planner, notes: Iterable[Note]) -> Plan:
         unseen={**planner.absent, **dict.fromkeys(dark, "no run of this plan shows it")},
         duration=duration(arm, bare),
         assumptions=(*planner.prior.sentences, *conditions(arm)),
-        notes=(*notes, *unusable_notes(arm, bare), *weight_notes(planner, promised), *tilt_notes(planner)),
+        notes=(*notes, *unusable_notes(arm, bare), *needs(planner.prior, promised, planner.absent)),
     )
+
+
+def _minutes_faults(minutes: float | None) -> Iterator[tuple[str, str]]:
+    if minutes is not None and not 0.0 < minutes <= _LONGEST:
+        yield f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"
+
+
+def check_minutes(minutes: float) -> None:
+    """Refuse a time that no plan may take."""
+    refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in _minutes_faults(minutes)])
 
 
 def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[str, int | None]) -> None:
     """Refuse numbers out of range, all at once."""
-    faults = []
-    if minutes is not None and not 0.0 < minutes <= _LONGEST:
-        faults.append((f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"))
+    faults = list(_minutes_faults(minutes))
     if shares is not None and len(set(shares)) < 3:
         faults.append(
             (
@@ -451,12 +459,15 @@ def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[s
     refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 
-def weight_notes(planner: Planner, promised: dict[str, float]) -> Iterator[Note]:
-    """How much weight the last link needs off its axis for the last gain ratio to be seen."""
-    n = planner.robot.n_joints
+def needs(prior: Prior, promised: Mapping[str, float], hidden: Mapping[str, str]) -> Iterator[Note]:
+    """What would show more than is promised: weight off the last axis the last gain ratio, a tilted base what is hidden
+    by an upright one.
+    """
+    robot = prior.robots[0].robot
+    n = robot.n_joints
     name = f"gain_ratio.{n - 1}.{n}"
-    if name in promised and planner.robot.joint(n).is_revolute:
-        share = promised[name] / abs(float(np.median([t.parameters()[name] for t in planner.prior.robots])))
+    if name in promised and robot.joint(n).is_revolute:
+        share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
         if share >= _WEAK:
             yield Note(
                 "plan-needs-weight",
@@ -465,13 +476,8 @@ def weight_notes(planner: Planner, promised: dict[str, float]) -> Iterator[Note]
                 f" 0.5,{_LEVER:g},0,0",
                 Where(joint=n),
             )
-
-
-def tilt_notes(planner: Planner) -> Iterator[Note]:
-    """That a tilted base would show what an upright one hides, where it would."""
-    first = next((joint for joint in planner.robot.joints if joint.is_revolute), None)
-    hidden = planner.absent
-    if first is not None and np.any(planner.robot.gravity) and any(f".l{first.number}." in name for name in hidden):
+    first = next((joint for joint in robot.joints if joint.is_revolute), None)
+    if first is not None and np.any(robot.gravity) and any(f".l{first.number}." in name for name in hidden):
         yield Note(
             "plan-needs-tilt",
             f"{', '.join(hidden)} cannot be seen while joint {first.number} ({first.name}) turns about the vertical."

@@ -10,7 +10,7 @@ from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
 from pumaid.reporting.table import Row, Table
 from pumaid.reporting.text import count_kinds, counted_runs, in_unit, posture_text, relative_names, run_time
 from pumaid.robot import Robot, roll_pitch_yaw
-from pumaid.trajectory import Plan
+from pumaid.trajectory import Plan, Trajectory
 from pumaid.units import number
 
 #: Digits (rad, m) in which postures of a plan differ.
@@ -26,6 +26,7 @@ _EXPECTED = {
     "coulomb - (A)": "coulomb.j{n}.minus",
     "viscous + (A s/rad, A s/m)": "viscous.j{n}.plus",
     "viscous - (A s/rad, A s/m)": "viscous.j{n}.minus",
+    "rotor (A s2/rad, A s2/m)": "rotor.j{n}",
 }
 
 
@@ -189,7 +190,9 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
         )
     lines += [f"Not identifiable: {name}: {reason.rstrip('.')}." for name, reason in plan.unseen.items()]
     lines += [f"Assumed: {sentence.rstrip('.')}." for sentence in plan.assumptions]
-    tables = [_motion_table(plan, robot)]
+    tables = [
+        _motion_table(plan, robot) if plan.trajectory is None else _trajectory_table(plan, plan.trajectory, robot)
+    ]
     if plan.postures:
         rows = [
             [str(posture.joint), posture_text(robot, posture.hold, "deg", moving=posture.joint), posture.why]
@@ -235,6 +238,19 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         rows,
         words=(0, 2, 3),
     )
+
+
+def _trajectory_table(plan: Plan, made: Trajectory, robot: Robot) -> Table:
+    states, rows = made.at(np.linspace(0.0, made.cycle, 8 * len(made.time))), []
+    for joint in robot.joints:
+        scale, unit = in_unit(joint.position_unit, "deg")
+        position, speed, acceleration = (part[:, joint.number - 1] * scale for part in states)
+        ways = f"{position.min() + 0.0:.4g} to {position.max() + 0.0:.4g} {unit}"
+        highest = [f"{np.abs(part).max():.4g} {unit}{per}" for part, per in ((speed, "/s"), (acceleration, "/s2"))]
+        rows.append([f"{joint.number} {joint.name}", ways, *highest])
+    times = f"{made.repeats} times {number(made.cycle, 3)} s, {number(plan.duration / 60.0, 3)} min"
+    title = f"{plan.robot}: {f'{made.kind} ' * bool(made.kind)}trajectory, {times}"
+    return Table(title, ("joint", "range", "highest speed", "highest acceleration"), rows, words=(0, 1, 2, 3))
 
 
 def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:

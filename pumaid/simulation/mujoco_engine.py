@@ -92,10 +92,10 @@ def specification(truth: Truth, *, step: float = 0.001) -> Any:
             "give both the sign with which the motor counts",
         )
     light = 1.0 if truth.given_constants is None else _LIGHT
-    tensors = light * _tensors(truth) + _LEAST * np.eye(3)
+    rounded = light * tensors(truth) + _LEAST * np.eye(3)
     links: list[Attributes] = [
         {"mass": mass, "ipos": centre, "fullinertia": tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]}
-        for mass, centre, tensor in zip(light * truth.links.mass, truth.links.centre, tensors, strict=True)
+        for mass, centre, tensor in zip(light * truth.links.mass, truth.links.centre, rounded, strict=True)
     ]
     rubs: list[Attributes] = [
         {"frictionloss": size, "solref_friction": [2 * step, 1.0], "solimp_friction": _HARD} for size in dry
@@ -110,8 +110,8 @@ def specification(truth: Truth, *, step: float = 0.001) -> Any:
     return spec
 
 
-def _tensors(truth: Truth) -> Floats:
-    """(J, 3, 3) kg m2 about the centres of mass: solid cylinders that lie along the links."""
+def tensors(truth: Truth) -> Floats:
+    """(J, 3, 3) kg m2 about the links' centres of mass: solid cylinders that lie along the links."""
     along, length, shortest = link_sizes(truth.robot)
     # A link without length (a wrist's) is as long as it is thick, along its own axis.
     unit = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 0.0, 1.0])

@@ -26,6 +26,14 @@ def test_story_ends_in_the_report_and_the_truth(tale):
     assert (told["hidden"], told["named"]) == ("ripple@2", ["ripple@2"])
 
 
+@pytest.mark.slow
+def test_story_on_a_motion(tmp_path):
+    """With all joints moving the hidden effect is named, too, of a trajectory that the robot followed."""
+    told = answer(f"demo {tmp_path / 'tale'} --robot pendulum2 --motion --seed 1")
+    assert (told["hidden"], told["named"]) == ("ripple@2", ["ripple@2"])
+    assert "--motion fourier --minutes 2" in told["steps"][1]["command"]
+
+
 def test_a_folder_with_anything_in_it_is_left_alone(tmp_path):
     """A demo writes into a folder of its own and nowhere else."""
     (tmp_path / "notes.txt").write_text("mine")

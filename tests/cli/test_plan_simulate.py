@@ -10,6 +10,7 @@ from command import answer, run
 from menus import arm as shipped
 from menus import write_short_plan
 
+from pumaid.design import motion
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.simulation import table1
 
@@ -95,6 +96,22 @@ def test_a_looked_at_plan_is_written_where_asked(folder):
     assert "--force" in run("plan", "--check", "again.yaml", "-o", "plan.yaml", code=3).stderr
     run("plan", "--check", "again.yaml", "-o", "plan.yaml", "--force")
     assert "expected_std_errors" in (folder / "plan.yaml").read_text()
+
+
+def test_a_motion_is_planned_drawn_checked_and_executed(folder, monkeypatch):
+    """--motion writes a trajectory beside the recipe, which --check finds nothing wrong with and simulate follows."""
+    monkeypatch.setattr(motion, "DRAWN", 8)
+    monkeypatch.setattr(motion, "TRIED", 8)
+    done = run("plan", "--motion", "picks", "--minutes", "0.6", "--picture", "motion.png")
+    assert "picks trajectory" in done.stdout and "highest acceleration" in done.stdout and "rotor" in done.stdout
+    assert "note[plan-compared]: in 0.6 min this picks" in done.stderr and (folder / "motion.png").is_file()
+    document = answer("plan --check plan.yaml")
+    assert document["runs"] == [] and document["trajectory"]["kind"] == "picks"
+    assert "--motion plans a trajectory" in run("plan", "--motion", "picks", "--for", "stribeck", code=2).stderr
+    (entry,) = answer("simulate --rate 50")["files"]
+    assert entry["end"] == pytest.approx(36.0, abs=0.1)
+    second = answer("identify logs")["joints"][1]["parameters"]
+    assert {"inertia.l2.zz", "coulomb.j2.plus"} <= {value["name"] for value in second}
 
 
 def test_the_papers_plan_asks_for_attention(folder):

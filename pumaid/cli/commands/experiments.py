@@ -138,6 +138,7 @@ SHAPES = ("minutes", "speeds", "postures", "replicates")
 EXCLUDES = (
     ("check", ("for",), "--check looks at a plan; --for makes one"),
     ("check", SHAPES, "--check looks at a plan; it has its time, speeds and passes"),
+    ("motion", ("check", "for", "speeds", "postures", "replicates"), "--motion plans a trajectory of all joints"),
     ("logs", SHAPES, "--for with --logs adds runs; options of a whole plan have no use"),
     ("for", ("payload",), "--for plans for the bare arm"),
 )
@@ -146,6 +147,12 @@ EXCLUDES = (
 @click.command()
 @click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
 @click.option("--minutes", type=float, metavar="M", help="Robot time, moves included.")
+@click.option(
+    "--motion",
+    type=click.Choice(["fourier", "picks"]),
+    metavar="KIND",
+    help="All joints at once: fourier or picks. [2 min]",
+)
 @click.option(
     "--speeds",
     callback=options.separated(click.FLOAT),
@@ -197,6 +204,7 @@ def plan(
     \b
     Example:
       pumaid plan recipe.yaml --minutes 30 --prior results/model.json
+      pumaid plan recipe.yaml --motion fourier --minutes 2
       pumaid plan --for stribeck@3 --against viscous_power --logs logs/
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
@@ -225,9 +233,9 @@ def plan(
     if path is not None and not is_piped:
         write_result(path, text_of(made, robot), "plan")
     if picture is not None:
-        from pumaid.reporting.figures.experiment import posture_figure  # waits for matplotlib
+        from pumaid.reporting.figures.experiment import plan_figure  # waits for matplotlib
 
-        write_picture(picture, posture_figure(made, robot))
+        write_picture(picture, plan_figure(made, robot))
     notes(made.notes)
     if as_json:
         document(plan_document(made, robot))
@@ -253,6 +261,7 @@ def _refuse_contradictions(options: dict[str, Any]) -> None:
 
 def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
+    from pumaid.design import motion
     from pumaid.design import plan as design
     from pumaid.diagnosis.discrimination import plan_for_effect
     from pumaid.io.plan_file import read_plan
@@ -266,7 +275,11 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
         "tell": tell,
     }
     if given is not None:
-        return design.check_plan(robot, given, payload=options["payload"], **shared)
+        check = design.check_plan if given.trajectory is None else motion.check_motion
+        return check(robot, given, payload=options["payload"], **shared)
+    if options["motion"] is not None:
+        kind, minutes = options["motion"], options["minutes"]
+        return motion.plan_motion(robot, kind, minutes=minutes, payload=options["payload"], **shared)
 
     whole = partial(
         design.plan,
@@ -405,9 +418,10 @@ KINDS = ("stribeck", "ripple", "friction_step", "position_friction", "warmup")
 @click.command()
 @click.argument("folder", type=options.FILE, default=Path("pumaid_demo"), metavar="[FOLDER]")
 @click.option("--robot", default="puma560", metavar="NAME", help="The arm; pumaid init lists them.")
+@click.option("--motion", "is_motion", is_flag=True, help="All joints move at once, for two minutes.")
 @options.seed_option
 @options.json_option
-def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
+def demo(*, folder: Path, robot: str, is_motion: bool, seed: int, as_json: bool) -> None:
     """Tell the whole story on a virtual arm that hides a physical effect, in under a minute.
 
     Makes an experiment in FOLDER (pumaid_demo where not given), runs the commands that a user would type there, and
@@ -418,6 +432,7 @@ def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
     Example:
       pumaid demo
       pumaid demo my_demo --seed 7
+      pumaid demo --motion
     """
     from pumaid.diagnosis.records import ADD, read_diagnosis
     from pumaid.io.write import read_truth
@@ -431,7 +446,7 @@ def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
         )
     steps: list[dict[str, Any]] = []
     with progress("demo") as step:
-        for done in _story(folder, robot=robot, seed=seed):
+        for done in _story(folder, robot=robot, is_motion=is_motion, seed=seed):
             steps.append(done)
             step(len(steps), done["command"])
             if not as_json:
@@ -448,8 +463,8 @@ def demo(*, folder: Path, robot: str, seed: int, as_json: bool) -> None:
         say(f"What was hidden: {hidden}. What diagnosis named: {', '.join(named) or 'nothing'}.")
 
 
-def _story(folder: Path, *, robot: str, seed: int) -> Iterator[dict[str, Any]]:
-    """Run the commands in a new experiment one after the other.
+def _story(folder: Path, *, robot: str, is_motion: bool, seed: int) -> Iterator[dict[str, Any]]:
+    """Run the commands in a new experiment, of runs at constant speed or of any motion, one after the other.
 
     `robot` is the name of a shipped recipe, `seed` that of the plan, of the robot and of its secret. No command opens
     ``logs/truth.json``, in which the secret lies.
@@ -460,8 +475,9 @@ def _story(folder: Path, *, robot: str, seed: int) -> Iterator[dict[str, Any]]:
     yield run("init", robot, "-o", recipe)
     joints, numbered = read_recipe(Path(recipe)).n_joints, ["--seed", str(seed)]
     secret = f"{KINDS[seed % len(KINDS)]}@{1 + seed * 7 // len(KINDS) % joints}"
-    yield run("plan", recipe, "--minutes", str(round(MINUTES * joints)), *numbered)
-    yield run("simulate", recipe, "--hide", secret, *numbered, "--rate", str(RATE))
+    shape = ["--motion", "fourier", "--minutes", "2"] if is_motion else ["--minutes", str(round(MINUTES * joints))]
+    yield run("plan", recipe, *shape, *numbered)
+    yield run("simulate", recipe, "--hide", secret, *numbered, *([] if is_motion else ["--rate", str(RATE)]))
     yield run("identify", logs)
     yield run("compare", model, logs)
     yield run("diagnose", model, logs, "--apply")

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import cycle, groupby, product
 from typing import Any
 
@@ -30,7 +31,7 @@ from pumaid.reporting.figures.style import (
 from pumaid.reporting.run_tables import by_reason, posture_key, samples_read
 from pumaid.reporting.text import counted_runs, in_unit, letters, plural, shortened
 from pumaid.robot import Robot
-from pumaid.trajectory import Motion, Plan
+from pumaid.trajectory import Motion, Plan, Trajectory
 
 #: View from the front right and a little above (rad).
 AZIMUTH, ELEVATION = -0.96, 0.38
@@ -40,6 +41,9 @@ ACROSS, MOST_PANELS, PANEL, MARGIN = 8, 75, (2.3, 2.6), 0.5
 
 #: Shares of the reach: length of a tip without tool, rim around the arm, radius of the base.
 TIP, RIM, BASE = 0.09, 0.12, 0.1
+
+#: Instants of a trajectory that are drawn.
+POINTS = 1500
 
 #: Positions of a joint over its range, of which the middle one is drawn.
 POSITIONS = 41
@@ -113,6 +117,28 @@ def _surroundings(axes: Axes, robot: Robot, reach: float) -> None:
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate("", (0.94, 0.84), (x, y), arrowprops=style, zorder=7, **look)
         axes.annotate("g", (0.94, 0.84), (0, 4), ha="center", fontsize=10, style="italic", **look)
+
+
+def plan_figure(plan: Plan, robot: Robot) -> Drawing:
+    """The postures of a plan's runs, or the positions of its trajectory."""
+    return posture_figure(plan, robot) if plan.trajectory is None else trajectory_figure(plan.trajectory, robot)
+
+
+@styled()
+def trajectory_figure(made: Trajectory, robot: Robot) -> Drawing:
+    """Position of every joint over a repeat of a trajectory, its knots as dots."""
+    figure = Figure(figsize=(9.0, 1.2 * robot.n_joints + MARGIN), layout="constrained")
+    time = np.linspace(0.0, made.cycle, POINTS)
+    position = replace(made, repeats=1).at(time)[0]
+    panels = figure.subplots(robot.n_joints, 1, squeeze=False, sharex=True)[:, 0]
+    for joint, axes in zip(robot.joints, panels, strict=True):
+        (scale, unit), j = in_unit(joint.position_unit, "deg"), joint.number - 1
+        axes.plot(time, scale * position[:, j], color=FORWARD)
+        axes.plot(made.time, scale * made.position[:, j], ".", color=INK, markersize=3)
+        axes.set_ylabel(f"{joint.number} {shortened(joint.name, 10)}\n({unit})")
+    panels[-1].set_xlabel("time (s)")
+    title = f"{robot.name}: {plural(made.repeats, 'repeat')} of a trajectory"
+    return Drawing("trajectory", title, "", figure)
 
 
 @styled()
