@@ -248,7 +248,7 @@ def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Fl
 def _errors(formulas: Formulas, torques: Floats) -> Floats:
     """(P, P) covariance of base parameters, each in its own link: the model's, which comes of few runs and so misses
     most directions, with as many runs as parameters of one that has its standard errors and the correlations that
-    random motions would leave.
+    random motions would leave; and what the data do not tell, of any plausible size.
 
     Source: O. Ledoit and M. Wolf, J. Multivariate Analysis 88 (2004) 365-411, for such means, here with another target.
     """
@@ -258,10 +258,12 @@ def _errors(formulas: Formulas, torques: Floats) -> Floats:
     table = [rows / size for rows, size in zip(whole(robot).rows(*_motion(formulas)), noise, strict=True)]
     matrix = np.hstack([np.pad(rows, ((len(table[0]) - len(rows), 0), (0, 0))) for rows in table])[places]
     expected = np.linalg.inv(np.corrcoef(matrix))
-    measured = formulas.covariance() * np.outer(torques[links], torques[links])
+    measured, blind = formulas.covariance()
+    measured, blind = measured * np.outer(torques[links], torques[links]), torques[links][:, None] * blind
     scale = np.sqrt(np.diag(measured) / np.diag(expected))
     runs = max(fit.runs for fit in fits)
-    return np.asarray((runs * measured + len(links) * expected * np.outer(scale, scale)) / (runs + len(links)))
+    expected = expected * np.outer(scale, scale)
+    return np.asarray((runs * measured + len(links) * expected) / (runs + len(links)) + blind @ blind.T)
 
 
 def _motion(formulas: Formulas) -> tuple[Floats, Floats, Floats]:
@@ -337,7 +339,7 @@ def _constants(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, 
         group[joint] = 1.0
         _spread(group, formulas.ratios)
         tied = np.isfinite(group) & np.isnan(out)
-        opposing = np.nansum(np.where(tied, group, 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
+        opposing = np.nansum(np.where(tied, np.sign(group), 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
         out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
         numbers = [str(place + 1) for place in np.flatnonzero(tied)]
         which = f"joint{'s' * (len(numbers) > 1)} {', '.join(numbers)}"

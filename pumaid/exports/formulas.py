@@ -134,11 +134,11 @@ class Formulas:
             moved[:, joint] = (values * self.ratios[joint, links])[-len(rows) :] @ (rows - rest)
         return moved
 
-    def covariance(self) -> Floats:
-        """(P, P) of `bodies` where base parameters are; what the data do not tell has any plausible size."""
+    def covariance(self) -> tuple[Floats, Floats]:
+        """(P, P) of `bodies` where base parameters are, and (P, b) as far as the data do not tell them (`blind`)."""
         estimate, numbers = self.estimate, Model.of_estimate(self.robot, self.estimate).inertial
-        blind, mixed = estimate.blind[numbers], _mixed(self.robot, estimate)
-        return np.asarray(mixed @ (estimate.covariance[np.ix_(numbers, numbers)] + blind @ blind.T) @ mixed.T)
+        mixed = _mixed(self.robot, estimate)
+        return mixed @ estimate.covariance[np.ix_(numbers, numbers)] @ mixed.T, mixed @ estimate.blind[numbers]
 
     def predicted(self, position: Floats, velocity: Floats) -> Floats:
         """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""
