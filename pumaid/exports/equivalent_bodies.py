@@ -327,9 +327,14 @@ def _constants(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, 
     Where nothing is given, the largest of the joints that are tied by ratios is 1, with the sign by which friction
     opposes motion.
     """
-    n, remarks = formulas.robot.n_joints, list[str]()
+    n, remarks, ratios = formulas.robot.n_joints, list[str](), formulas.ratios.copy()
+    for value in formulas.estimate.values:
+        if value.name.startswith("gain_ratio.") and value.ci95 and value.ci95[0] <= 0.0 <= value.ci95[1]:
+            inner, outer = map(int, value.name.split(".")[1:])
+            ratios[:inner, outer - 1 :] = 0.0
+            remarks.append(f"joints {inner} and {outer}: not even the sign of their ratio of gains is told")
     out = np.array([given.get(joint, np.nan) for joint in range(1, n + 1)])
-    _spread(out, formulas.ratios)
+    _spread(out, ratios)
     if len(given) < np.isfinite(out).sum():
         remarks.append("torque constants that were not given follow from the identified ratios of gains")
     for joint in range(n):
@@ -337,7 +342,7 @@ def _constants(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, 
             continue
         group = np.full(n, np.nan)
         group[joint] = 1.0
-        _spread(group, formulas.ratios)
+        _spread(group, ratios)
         tied = np.isfinite(group) & np.isnan(out)
         opposing = np.nansum(np.where(tied, np.sign(group), 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
         out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import ModelError
+from pumaid.estimate import Value
 from pumaid.exports import export
 from pumaid.exports.equivalent_bodies import read_constants
 from pumaid.simulation import draw
@@ -139,6 +140,16 @@ def test_a_sign_against_the_logs_is_told():
     found = export(estimate, robot, form="urdf", torque_constants={n: abs(k) for n, k in given(robot).items()})
     assert backwards.size and [text for text in found.remarks if "of the other sign" in text]
     assert [text for text in found.remarks if f"friction of joint {backwards[0]} pushes along" in text]
+
+
+def test_a_ratio_without_a_sign_gives_no_torque_constant():
+    """Where zero is within its interval, the joints on either side have constants of their own."""
+    robot = robot_called("ur5e")
+    estimate = fitted(robot)
+    doubtful = Value("gain_ratio.4.5", "", 4, "", -0.04, 0.09, (-0.22, 0.14))
+    text = export(replace(estimate, values=(*estimate.values, doubtful)), robot, form="mjcf").files[".xml"]
+    gears = np.abs([float(motor.get("gear")) for motor in ElementTree.fromstring(text).iter("motor")])
+    assert gears[:4].max() == gears[4:].max() == 1.0 and "not even the sign" in text
 
 
 def test_a_slide_with_a_negative_mass_is_refused():
