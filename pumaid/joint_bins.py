@@ -339,11 +339,8 @@ def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *
     position[:, moving] = np.tile(places, len(sizes))
     asked = table(replace(knots, position=position))
     parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
-    run, basis = np.repeat(np.arange(len(sizes)), sizes), _harmonics(samples.position[:, moving], turns)
-    out = np.zeros((len(samples), asked.shape[1]))
-    for place in range(basis.shape[1]):
-        out += basis[:, place, None] * parts[run, place]
-    return out
+    basis = np.split(_harmonics(samples.position[:, moving], turns), starts[1:])
+    return np.vstack([at_run @ part for at_run, part in zip(basis, parts, strict=True)])
 
 
 def _harmonics(q: Floats, turns: bool) -> Floats:

@@ -236,7 +236,9 @@ class Model:
     def _base_at_nodes(self, bins: JointBins) -> Floats:
         """(3 N, b) columns of the paper's model at the nodes of bins."""
         nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
-        out = self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)))
+        turns = self.robot.joint(bins.joint).is_revolute
+        out = swept(nodes, 3 * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
+        out += self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,))
         if bins.rigid_body is not None and self.is_dynamic:
             # In blocks of any motion what the rigid body asks was averaged with the current.
             rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
@@ -292,7 +294,7 @@ class Model:
                 values = effect.columns(self.robot, samples, number=owner)
                 for index, column in group:
                     out[:, index] = values[:, names.index(column.name.rsplit(".", 1)[1])]
-        if self.is_dynamic and samples.acceleration.any():
+        if self.is_dynamic and Scope.JOINT in scopes and samples.acceleration.any():
             pull = np.zeros((self.robot.n_joints, len(samples)))
             pull[samples.joint - 1] = samples.acceleration
             weightless = replace(self.robot, gravity=(0.0, 0.0, 0.0))

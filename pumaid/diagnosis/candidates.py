@@ -255,7 +255,8 @@ class Spectrum:
 def minus_log10_p(statistic: Floats | float, freedoms: int) -> Floats:
     """-log10 of the chance of at least `statistic` under chi-square, also far out in the tail."""
     half, x = freedoms / 2.0, np.asarray(statistic, dtype=float) / 2.0
-    tail, beyond = np.maximum(special.gammaincc(half, x), 1e-300), np.maximum(x, FAR)
+    whole = special.erfc(np.sqrt(x)) if freedoms == 1 else special.gammaincc(half, x)  # the first is quicker
+    tail, beyond = np.maximum(whole, 1e-300), np.maximum(x, FAR)
     far = (half - 1.0) * np.log(beyond) - beyond - special.gammaln(half) + np.log1p((half - 1.0) / beyond)
     return np.asarray(-np.where(x > FAR, far, np.log(tail)) / np.log(10.0))
 

@@ -72,10 +72,11 @@ class ScoreTable:
     @cached_property
     def leverage(self) -> Floats:
         """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
-        parts, inverse = [], self.solved.inverse
+        parts = []
         for row in self.solved.joints:
-            runs = len(row.bins.runs)
-            used = float(np.sum((row.jacobian @ inverse) * row.jacobian))
+            runs, live = len(row.bins.runs), np.flatnonzero(row.jacobian.any(axis=0))
+            jacobian = row.jacobian.T[live].T
+            used = float(np.sum((jacobian.T @ jacobian) * self.solved.inverse[np.ix_(live, live)]))
             parts.append(np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs))))
         return np.concatenate(parts)
 
@@ -99,7 +100,8 @@ def score_of(
     total, sizes, statistic = scores.sum(axis=0), np.zeros(len(size)), 0.0
     free = visible
     while len(free):
-        fitted = pseudo_inverse(information[np.ix_(free, free)])[0] @ total[free]
+        part = information if len(free) == len(size) else information[np.ix_(free, free)]
+        fitted = pseudo_inverse(part)[0] @ total[free]
         wrong = fitted * signs[free] < 0.0
         if not wrong.any():
             sizes[free], statistic = fitted, float(total[free] @ fitted)
