@@ -312,7 +312,9 @@ def at(samples: Samples, rows: Counts) -> Samples:
     if samples.loads is None:
         return chosen
     loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
-    return replace(chosen, loads=Loads(**{name: v if name == "gains" else v[rows] for name, v in loads.items()}))
+    return replace(
+        chosen, loads=Loads(**{name: v if name in ("gains", "rubs") else v[rows] for name, v in loads.items()})
+    )
 
 
 def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:

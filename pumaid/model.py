@@ -309,6 +309,13 @@ class Model:
         out[self.owners[numbers] - 1, [self.names[n].endswith(".y") * 1 for n in numbers]] = solution[numbers]
         return out
 
+    def rubs(self, solution: Floats) -> Floats:
+        """(2, J, 2) Coulomb (A) and viscous friction (A s/rad or A s/m) of each joint, forward and backward."""
+        joints, ways = range(1, self.robot.n_joints + 1), ("plus", "minus")
+        names = itertools.product(("coulomb", "viscous"), joints, ways)
+        places = [self.names.index(f"{effect}.j{joint}.{way}") for effect, joint, way in names]
+        return solution[places].reshape(2, -1, 2)
+
     def friction(self, samples: Samples, solution: Floats) -> Floats:
         """(M,) A that the moving joint draws by the paper's model beside its load; `solution` (p,) are parameters."""
         base = self.base(replace(samples, acceleration=np.zeros(len(samples))), (Scope.JOINT,))
@@ -385,8 +392,8 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
         moving = np.where(np.isfinite(torque), torque, moving)
     if model.scaled:
         moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)
-    drawn = moving + model.friction(samples, solution)
-    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains)
+    drawn, rubs = moving + model.friction(samples, solution), model.rubs(solution)
+    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains, rubs)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
@@ -432,7 +439,8 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     with np.errstate(divide="ignore", invalid="ignore"):
         back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
     gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
-    return Loads(load, elsewhere, slopes, tilts, across, load + model.friction(samples, solution), gains)
+    drawn = load + model.friction(samples, solution)
+    return Loads(load, elsewhere, slopes, tilts, across, drawn, gains, model.rubs(solution))
 
 
 def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:

@@ -16,6 +16,7 @@ def current(document: dict, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         names = {"q": q[i], "v": v[i], "s": np.sign(v[i]), "load": load[i], "drawn": load[i] + base}
         names |= {"across": across[i], "tilt_x": tilts[i][0], "tilt_y": tilts[i][1]}
         names |= {f"load_{m + 1}": load[m] for m in range(len(q))}
+        names |= {f"shaft_{m + 1}": v[m] for m in range(len(q))}
         terms = [one for one in document["terms"] if one["joint"] == i + 1]
         asked = [m for m in range(len(q)) if any(f"slope_{m + 1}" in one["formula"] for one in terms)]
         for m, step in ((m, np.eye(len(q))[m] * STEP) for m in asked):

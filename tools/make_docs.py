@@ -46,7 +46,8 @@ An effect is linear in its parameters once its shape is given; shapes are search
 | q, qd, qdd | the joint's position, velocity, acceleration |
 | shaft, v | the velocity that drives its friction (its own unless gears couple it), and the size of that |
 | load | gravity's load of the joint by the model fitted so far, A |
-| load_owner, slope_owner | the load of the joint that owns the parameters; the derivative of `load` by its position |
+| owner, load_owner, friction_owner | the joint that owns the parameters, its load and friction |
+| slope_owner, shaft_on | derivative of `load` by its position; `shaft` of joint `on` |
 | drawn | the model's whole prediction, A |
 | across | gravity's moment across the joint's axis, as the current that it would draw along it |
 | tilt_x, tilt_y | the derivative of `load` by a turn of the base about its x and y |

@@ -17,7 +17,13 @@ import pandas as pd
 from click.testing import CliRunner
 
 from pumaid.cli import group
-from pumaid.io.recipe import shipped_recipes
+from pumaid.dataset import load_dataset
+from pumaid.diagnosis.cross_validation import leave_out, replicate_folds
+from pumaid.diagnosis.stepwise import Stepwise
+from pumaid.effect_spec import EffectTerm
+from pumaid.effects import catalogue
+from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.model import Model
 
 #: Log blocks that are appended to a shipped recipe.
 LOG_BLOCKS = {
@@ -87,14 +93,19 @@ def ur3e_halves(place: Path) -> Path:
     return place
 
 
-def tx40(place: Path) -> Path:
-    """The TX40 recording with joint angles instead of motor angles, in the canonical columns."""
+def tx40(place: Path, *, is_geared: bool = False) -> Path:
+    """The TX40 recording with joint angles instead of motor angles, in the canonical columns.
+
+    Efforts are those of the motors, or where it `is_geared` those at joints, as its publishers count them: the motor of
+    joint 6 acts on joint 5, too.
+    """
     experiment(place, "staubli_tx40", [])
     table = pd.read_parquet(folder() / "staubli-tx40" / "tx40_excitation.parquet")
     columns = {"t": table["time_s"]}
     for joint, reduction in enumerate(REDUCTIONS, start=1):
         columns[f"q{joint}"] = table[f"motor_pos_rad_Joint_{joint}"] / reduction
-        columns[f"i{joint}"] = table[f"motor_cmd_Joint_{joint}"]
+        columns[f"i{joint}"] = table[f"motor_cmd_Joint_{joint}"] * (reduction if is_geared else 1.0)
+    columns["i5"] = columns["i5"] + columns["i6"] * is_geared
     columns["q6"] = columns["q6"] - columns["q5"]
     pd.DataFrame(columns).to_parquet(place / "logs" / "tx40.parquet")
     return place
@@ -163,6 +174,16 @@ def spelled(effect: dict[str, Any]) -> str:
     return f"{effect['effect']}{joint}{waves}"
 
 
+def unseen_by_joint(place: Path, effect: str, owner: int, shape: dict[str, float]) -> dict[int, tuple[float, float]]:
+    """By joint that an effect touches: RMSE of its blocks, each left out of the fit, without and with the effect."""
+    dataset, robot = load_dataset(place / "results" / "dataset.npz")[0], read_recipe(place / "recipe.yaml")
+    fitted = Stepwise(Model.of_runs(robot, dataset.runs), dataset.runs).solved([])
+    term = EffectTerm(catalogue()[effect], owner, shape)
+    joints = (owner, int(shape["on"]))
+    folds = {joint: leave_out(fitted, (term,), replicate_folds(fitted, [joint])) for joint in joints}
+    return {joint: (fold.before, fold.after) for joint, fold in folds.items()}
+
+
 def identified(title: str, place: Path) -> Iterator[str]:
     """What identify tells of an experiment: values, combinations, or the refusal."""
     code, model, errors = run(place, "identify")
@@ -195,7 +216,11 @@ def report(scratch: Path) -> Iterator[str]:
     _, score, _ = run(unseen, "compare")
     yield "  all joints moving at once: " + ", ".join(f"joint {k} {rms:.3f} A" for k, rms in together(score).items())
     yield from identified("double pendulum", experiment(scratch / "dfki", "pendulum2", files(PENDULUM)))
-    yield from identified("TX40", tx40(scratch / "tx40"))
+    for is_geared in (False, True):
+        place = tx40(scratch / f"tx40_{is_geared}", is_geared=is_geared)
+        yield from identified("TX40, efforts at joints" if is_geared else "TX40", place)
+        for joint, (before, after) in unseen_by_joint(place, "coupling", 6, {"on": 5.0}).items():
+            yield f"  coupling@6:on=5, joint {joint}: blocks left out {before:.4f}, {after:.4f}"
     for name in ROLLING:
         yield from identified(f"bare motor, {name}", experiment(scratch / name, "motor", motor(name)))
     yield "| recording | held out | added | fitted (A) | held out (A) |"

@@ -264,5 +264,5 @@ def example(joint: int, *, with_loads: bool, rows: Any = slice(None)) -> Samples
     }
     for array in (*series.values(), *loads.values()):
         array.flags.writeable = False
-    at = Loads(gains=np.ones(n), **{name: values[rows] for name, values in loads.items()})
+    at = Loads(gains=np.ones(n), rubs=np.ones((2, n, 2)), **{name: values[rows] for name, values in loads.items()})
     return Samples(joint, loads=at if with_loads else None, **{name: values[rows] for name, values in series.items()})

@@ -1,18 +1,20 @@
-"""Gear coupling: a joint's load on another's motor."""
+"""Gear coupling: a joint's load and friction on another's motor."""
 
 from pumaid.effects import Effect, Family, Parameter, Scope, Shape, Trace
 from pumaid.robot import Robot
 
 
 class Coupling(Effect):
-    """Part of joint m's load is carried by the motor of joint i.
+    """Part of joint m's load is carried by the motor of joint i, and joint i turns the motor of joint m.
 
-    In a wrist whose drives pass through each other, a turn of joint i's motor also turns joint m, so i's motor carries
-    c times m's load: m owns c, the shape `on` says which joint i it is. load_owner is m's gravity load by the model, in
-    ampere of m's own motor; where m's load is not known the column is zero.
+    In a wrist whose drives pass through each other, joint i's motor carries c times m's load, and of m's friction what
+    sits beyond those gears; and i turns m's motor, so that drag by m's viscous friction is its turns for a turn of i
+    (as long as it turns the way of its joint: the recipe's `coupling` holds always). m owns the parameters, the shape
+    `on` says which joint i is. load_owner (without inertia) and friction_owner are m's by the model, in ampere of m's
+    own motor, zero where not known, shaft_on is i's velocity.
     """
 
-    formula = "c * load_owner * (joint == on)"
+    formula = "(c * load_owner + friction * friction_owner) * (joint == on) + drag * shaft_on * (joint == owner)"
     source = (
         "S.-K. Lin, Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators,"
         " eq. (38)-(40) (coupled wrist of the PUMA 560)"
@@ -20,9 +22,13 @@ class Coupling(Effect):
     scope = Scope.CAUSE
     family = Family.GRAVITY
     trace = (Trace.POSITION, Trace.LOAD)
-    seen_in = "runs in which the load of the joint that causes it changes: other postures, or a payload"
+    seen_in = "motion of both joints, or runs in other postures"
     look_alikes = ("zero_offset", "tilt", "counterbalance")
-    linear = (Parameter("c", "1", "current of the other joint per load of this one", "c{n}", 0.1, -20.0, 20.0),)
+    linear = (
+        Parameter("c", "1", "current of the other joint per load of this one", "c{n}", 0.1, -20.0, 20.0),
+        Parameter("friction", "1", "the same per friction of this one", "f{n}", 0.1, -20.0, 20.0),
+        Parameter("drag", "A s/rad", "current of this joint per speed of the other", "d{n}", 0.02),
+    )
     only_loaded = True
 
     def shapes(self, robot: Robot, number: int) -> tuple[Shape, ...]:

@@ -3,14 +3,15 @@
 A formula is Python arithmetic with ``sin cos exp sqrt abs sign max`` and comparisons, linear in the effect's
 parameters. Parameters and shapes stand in it by their own names. Of the joint whose current it is:
 
-- ``q``, ``qd``, ``qdd`` its position, velocity, acceleration; ``s`` +1 while it moves forward, else -1;
+- ``q``, ``qd``, ``qdd`` its position, velocity, acceleration; ``s`` +1 while its shaft turns forward, else -1;
 - ``shaft`` the velocity that drives its friction (its own unless gears couple it), ``v`` the size of that;
 - ``t``, ``elapsed`` time since the joint's, the arm's first motion; ``path`` travelled since the motion began;
 - ``temperature`` in degC, 25 where it was not measured; ``joint`` its number;
 - ``load`` gravity's current by the paper's model, ``drawn`` that and Coulomb and viscous friction;
 - ``tilt_x``, ``tilt_y`` the derivative of ``load`` by a turn of the base, ``across`` gravity's moment across the axis;
 - ``load_owner``, ``slope_owner`` the load of the joint that owns the parameters, the derivative of ``load`` by its
-  position;
+  position; ``friction_owner`` its Coulomb and viscous friction;
+- ``owner`` its number, ``shaft_on`` what ``shaft`` is of the joint that the shape ``on`` names;
 - ``gamma_p``, ``gamma_x``, ``gamma_y``, ``gamma_z`` what a unit of mass at the origin of the last link's frame draws,
   and a unit of first moment along its axes, times the gain of the last joint.
 """
@@ -39,8 +40,9 @@ FUNCTIONS = {
 #: Quantities made from the loads that a fit gives; and those that a posture and velocities determine, so that an
 #: exported model can have them.
 GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
-OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", "load_owner", "slope_owner", *GAMMAS})
-OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "joint"}
+OF_OWNER = frozenset({"load_owner", "slope_owner", "friction_owner"})
+OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER, *GAMMAS})
+OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
 
 
 _empty = partial(np.zeros, 0)
@@ -62,6 +64,8 @@ class Loads:
     across: Floats
     drawn: Floats  # (M,) the model's whole prediction in joint i
     gains: Floats  # (J,) eta_i / eta_k: joint k's current times this is joint i's; NaN where not known
+    # (2, J, 2) Coulomb and viscous friction of each joint (A, and A s/rad or A s/m), forward and backward
+    rubs: Floats = field(default_factory=_empty)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -130,6 +134,19 @@ def _unit_body(at: _Positions) -> Floats:
     return np.einsum("mk,mkp->pm", np.cross(z_i, g), levers)
 
 
+def _way(robot: Robot, samples: Samples, owner: int) -> Floats:
+    """(M,) the sign of a motion; where gears turn the joint's shaft against the joint, that of the shaft."""
+    shaft, joint = (v[:, samples.joint - 1] for v in (robot.shaft_velocity(samples.velocity), samples.velocity))
+    return np.where(shaft * joint < 0.0, np.sign(shaft), samples.direction)
+
+
+def _friction(robot: Robot, samples: Samples, joint: int) -> Floats:
+    """(M,) A of Coulomb and viscous friction of a joint (from 1) by the model so far."""
+    v, (dry, viscous) = robot.shaft_velocity(samples.velocity)[:, joint - 1], loads_of(samples).rubs[:, joint - 1]
+    ways = np.column_stack([v > 0.0, v < 0.0])
+    return np.asarray(ways @ dry + (ways @ viscous) * v)
+
+
 def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
     """(M,) A; zero where the ratio of gains to the last joint is not known."""
     gain = loads_of(samples).gains[-1]
@@ -142,7 +159,7 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "q": lambda robot, samples, owner: samples.position[:, samples.joint - 1],
     "qd": lambda robot, samples, owner: samples.velocity[:, samples.joint - 1],
     "qdd": lambda robot, samples, owner: samples.acceleration,
-    "s": lambda robot, samples, owner: samples.direction,
+    "s": _way,
     "shaft": lambda robot, samples, owner: robot.shaft_velocity(samples.velocity)[:, samples.joint - 1],
     "v": lambda robot, samples, owner: np.abs(robot.shaft_velocity(samples.velocity)[:, samples.joint - 1]),
     "t": lambda robot, samples, owner: samples.time,
@@ -152,6 +169,7 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
         np.isnan(samples.temperature), REFERENCE, samples.temperature
     ),
     "joint": lambda robot, samples, owner: samples.joint,
+    "owner": lambda robot, samples, owner: owner,
     "load": lambda robot, samples, owner: loads_of(samples).moving,
     "drawn": lambda robot, samples, owner: loads_of(samples).drawn,
     "across": lambda robot, samples, owner: loads_of(samples).across,
@@ -161,6 +179,8 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
         loads_of(samples).moving if owner == samples.joint else np.nan_to_num(loads_of(samples).by_joint[:, owner - 1])
     ),
     "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
+    "friction_owner": _friction,
+    "shaft_on": lambda robot, samples, on: robot.shaft_velocity(samples.velocity)[:, on - 1],
     **{name: partial(_gamma, part=part) for part, name in enumerate(GAMMAS)},
 }
 
@@ -178,7 +198,8 @@ def columns(
     if not formula:
         return out
     codes, used = _compiled(formula, names)
-    space = {name: QUANTITIES[name](robot, samples, owner) for name in used if name not in values}
+    joints = {name: int(values["on"]) if name.endswith("_on") else owner for name in used - set(values)}
+    space = {name: QUANTITIES[name](robot, samples, joint) for name, joint in joints.items()}
     for place, code in enumerate(codes):
         if code is not None:
             out[:, place] = eval(code, {"__builtins__": {}, **FUNCTIONS}, space | dict(values))
@@ -207,7 +228,8 @@ def filled(formula: str, values: Mapping[str, float | str]) -> str:
 
 def at_rest(formula: str) -> tuple[str, str]:
     """The part of a formula that is there at rest, and what motion adds to it; ``0.0`` where there is none."""
-    hold = filled(formula, {"s": 0.0, "v": 0.0, "shaft": 0.0, "drawn": "load"})
+    shafts = {name: 0.0 for name in names_in(formula) if name.startswith("shaft")}
+    hold = filled(formula, shafts | {"s": 0.0, "v": 0.0, "drawn": "load"})
     if hold == filled(formula, {}):
         return hold, "0.0"
     return hold, filled(f"{formula} - ({hold})", {})

@@ -66,16 +66,9 @@ class Formulas:
     @classmethod
     def of(cls, estimate: Estimate, robot: Robot) -> Formulas:
         """The formulas of a model; effects that have none are listed."""
-        solution, model = (
-            dict(zip(estimate.names, estimate.solution.tolist(), strict=True)),
-            Model.of_estimate(robot, estimate),
-        )
-        coulomb, viscous = (
-            np.array(
-                [[solution.get(f"{effect}.j{j.number}.{way}", 0.0) for way in ("plus", "minus")] for j in robot.joints]
-            )
-            for effect in ("coulomb", "viscous")
-        )
+        solution = dict(zip(estimate.names, estimate.solution.tolist(), strict=True))
+        model = Model.of_estimate(robot, estimate)
+        coulomb, viscous = rubs = model.rubs(estimate.solution)
         moments, bodies = model.moments(estimate.solution), np.zeros((robot.n_joints, len(PARAMETERS)))
         if model.is_dynamic:
             links, parts = base_places(robot)
@@ -101,7 +94,7 @@ class Formulas:
                 term
                 for effect in effects
                 if reasons[spoken(effect)] is None
-                for term in _terms(robot, effect, solution, has_ratios=has_ratios)
+                for term in _terms(robot, effect, solution, has_ratios=has_ratios, rubs=rubs)
             ),
             left_out=tuple(Lack(name, reason) for name, reason in reasons.items() if reason is not None),
             undetermined=tuple(
@@ -195,12 +188,18 @@ def why_left_out(term: EffectTerm, robot: Robot) -> str | None:
     return f"it depends on more than posture and velocities: {', '.join(more)}" if more else None
 
 
-def _terms(robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: Flags) -> Iterator[Term]:
+def _terms(
+    robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: Flags, rubs: Floats
+) -> Iterator[Term]:
     """An effect's terms; the load of another joint with an unknown ratio counts as none, as in the model."""
     effect, owner = term.effect, term.number
     parts = [part for part in term.parts(robot, 0) if part.shape is None]
     names = [parameter.name for parameter in effect.parameters(robot, owner)]
     values: dict[str, float | str] = dict(term.shape)
+    shaft, sizes = f"shaft_{owner}", rubs[:, owner - 1].tolist()
+    dry, drag = (f"({ahead!r} * ({shaft} > 0) + {back!r} * ({shaft} < 0))" for ahead, back in sizes)
+    values |= {"friction_owner": f"({dry} + {drag} * {shaft})", "owner": float(owner)}
+    values["shaft_on"] = f"shaft_{int(term.shape.get('on', 0))}"
     values |= {name: solution.get(part.name, 0.0) for name, part in zip(names, parts, strict=True)}
     for joint in filter(term.touches, range(1, robot.n_joints + 1)):
         is_unknown = owner and joint != owner and not has_ratios[owner - 1]

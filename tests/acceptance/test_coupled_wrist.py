@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from free_motion import reach, recorded, waves
 from menus import arm
 from worlds import GEARS, wrist
 
@@ -94,6 +95,18 @@ def test_on_parallel_axes_the_ratio_is_off_as_the_note_says():
 
 
 pytestmark = pytest.mark.slow
+
+
+def test_friction_follows_the_shaft_at_work():
+    """Gears near 1:1, all joints moving: friction of motor 6, which a third of the time turns against its joint."""
+    robot = wrist({(6, 5): 0.9 * GEARS[5] / GEARS[4]})
+    truth, rng = draw(robot, 9312), np.random.default_rng(9312)
+    log = recorded(truth, waves(rng, 60.0, reach(robot)), rng, counts=2e4)
+    estimate, known = pumaid.identify(pumaid.segment([log], robot), robot), truth.parameters()
+    # What motor 5 carries of joint 6's load is left; where friction follows the joint, some twenty times the noise.
+    assert estimate.joints[5].rmse < 5.0 * truth.noise.sample_std[5]
+    for name in ("coulomb.j6.plus", "coulomb.j6.minus"):
+        assert estimate.value(name).value == pytest.approx(known[name], rel=0.15)
 
 
 @cache

@@ -221,6 +221,20 @@ def test_gears_of_a_tx40_at_work(scratch):
     assert values["gain_ratio.5.6"]["value"] is None
 
 
+@pytest.mark.parametrize("is_geared", [True, False])
+def test_a_tx40s_wrist_is_coupled(scratch, is_geared):
+    """Joint 5 turns joint 6's motor once a turn. At joints its friction is felt in both, which blocks left out show."""
+    place = real.tx40(scratch / f"tx40_wrist_{is_geared}", is_geared=is_geared)
+    values = real.parameters(real.run(place, "identify", "--add", "coupling@6:on=5")[1])
+    turns = values["coupling.j6.drag"]["value"] / values["viscous.j6.plus"]["value"]
+    assert turns == pytest.approx(1.0, abs=0.25)
+    real.run(place, "identify")
+    findings = [f"{f['effect']}@{f['joint']} {f['shape']}" for f in real.run(place, "diagnose")[1]["findings"]]
+    assert "coupling@6 {'on': 5.0}" in (findings[:1] if is_geared else findings)
+    left = {k: after / before for k, (before, after) in real.unseen_by_joint(place, "coupling", 6, {"on": 5.0}).items()}
+    assert left[6] < 0.4 and left[5] < (0.4 if is_geared else 1.0)
+
+
 def test_load_friction_of_a_double_pendulum_at_work(scratch):
     """It is named on both joints, and nothing else; others measured 0.065 to 0.069 of the load."""
     place = real.experiment(scratch / "dfki", "pendulum2", real.files(real.PENDULUM))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from pumaid.effects import Extent, Loads, Samples, Trace, catalogue
 from pumaid.joint_bins import JointBins
 from pumaid.model import Model, loads, loads_at
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import table1
+from pumaid.simulation import draw, table1
 
 COUNT = 50
 
@@ -465,6 +466,23 @@ def test_coupling(m, on):
     predicted = seen.loads.moving + ratio * columns("coupling", world, seen, number=m, shape={"on": on})[:, 0]
     assert np.allclose(predicted, carried, atol=1e-6)  # the difference quotient's own rounding
     assert not columns("coupling", world, seen, number=m, shape={"on": on - 1}).any()
+
+
+def test_coupling_passes_friction_on_and_drags_the_shaft():
+    """What joint 6 rubs, by the drawn robot's own friction, is felt in motor 5; joint 5's speed in motor 6."""
+    world, rng = World.of("puma"), np.random.default_rng(5)
+    friction, names = draw(world.robot, 3).friction, world.fitted()[0].names
+    for on, joint in ((5, 5), (5, 6), (4, 5)):
+        samples = world.seen(joint)
+        velocity = rng.normal(size=samples.velocity.shape)
+        solution = np.zeros(len(names))
+        for kind, way in product(("coulomb", "viscous"), ("plus", "minus")):
+            solution[names.index(f"{kind}.j6.{way}")] = getattr(friction, f"{kind}_{way}")[5]
+        rubs = world.fitted()[0].rubs(solution)
+        samples = replace(samples, velocity=velocity, loads=replace(samples.loads, rubs=rubs))
+        found = columns("coupling", world, samples, number=6, shape={"on": on})
+        wanted = friction.currents(velocity)[:, 5] * (joint == on), velocity[:, on - 1] * (joint == 6)
+        assert np.allclose(found[:, 1:], np.column_stack(wanted), atol=EXACT)
 
 
 def test_unknown_ratio_hides_another_joints_load_and_its_gain():

@@ -128,6 +128,7 @@ C = Language(
         "load": "at->load[{i}]",
         "drawn": "(at->load[{i}] + base)",
         "load_": "at->load[{m}]",
+        "shaft_": "shaft(qd, {m})",
         "slope_": "slope(at, {i}, {m})",
         "across": "across(at, {i})",
         "tilt_x": "tilt(at, {i}, 0)",
@@ -148,6 +149,7 @@ PYTHON = Language(
         "load": "at.load[..., {i}]",
         "drawn": "(at.load[..., {i}] + base)",
         "load_": "at.load[..., {m}]",
+        "shaft_": "driving[..., {m}]",
         "slope_": "_slope(at, {i}, {m})",
         "across": "_across(at, {i})",
         "tilt_x": "_tilt(at, {i}, 0)",
@@ -164,6 +166,7 @@ MATLAB = Language(
         "load": "load({i})",
         "drawn": "(load({i}) + base)",
         "load_": "load({m})",
+        "shaft_": "driving({m})",
         "slope_": "slope(c, z, moment, {i}, {m})",
         "across": "across(c, z, moment, {i})",
         "tilt_x": "tilt(c, z, moment, {i}, 1)",
@@ -193,9 +196,10 @@ MEANING = {
     "friction": "base_i = coulomb + viscous v of the joint's direction (first forward, then backward), v = the row of"
     " shaft times the joints' velocities",
     "terms": "added to the current of a joint, friction terms only in motion; s is +1 or -1 with the sign of v, load"
-    " is load_i and load_M that of joint M, drawn is load_i + base_i, slope_M the derivative of load_i by q_M, tilt_x"
-    " and tilt_y are (z_i x (g x e)) . F_i with e the base's x or y and F_i = sum over j >= i of felt[i][j] h_j (of a"
-    " slide -(z_i . (g x e)) mass_i), across is |M - z_i (z_i . M)| with M = g x F_i (of a slide 0); ** is a power",
+    " is load_i and load_M that of joint M, shaft_M the v of joint M, drawn is load_i + base_i, slope_M the"
+    " derivative of load_i by q_M, tilt_x and tilt_y are (z_i x (g x e)) . F_i with e the base's x or y and"
+    " F_i = sum over j >= i of felt[i][j] h_j (of a slide -(z_i . (g x e)) mass_i), across is |M - z_i (z_i ."
+    " M)| with M = g x F_i (of a slide 0); ** is a power",
     "current": "load_i + base_i + all terms of joint i; at rest only load_i and the terms that are not friction",
     "bodies": "of each link mass, first moments, inertia (xx, xy, xz, yy, yz, zz) about its frame's origin and the"
     " rotor's, in the gain of its own joint: inertia_i is the sum over links j >= i of ratios[i][j] times the torque"

@@ -150,13 +150,27 @@ static void hold(const double q[N], const posture *at, double current[N])
 {% endfor %}
 }
 
+/* The velocity that drives the friction of joint i. */
+static double shaft(const double qd[N], int i)
+{
+{% if geared %}
+    double v = 0.0;
+    for (int k = 0; k < N; k++)
+        v += SHAFT[i][k] * qd[k];
+    return v;
+{% else %}
+    return qd[i];
+{% endif %}
+}
+
 /* Friction of joint i while it moves forward (s = 1, v >= 0) or backward (s = -1, v <= 0). */
-static double moving(int i, double s, double v, const double q[N], const posture *at)
+static double moving(int i, double s, double v, const double q[N], const double qd[N], const posture *at)
 {
     const int way = s > 0.0 ? 0 : 1;
     const double base = COULOMB[i][way] + VISCOUS[i][way] * v;
     double sum = base;
     (void)q;
+    (void)qd;
     (void)at;
 {% if frictions %}
     switch (i) {
@@ -177,13 +191,7 @@ static double moving(int i, double s, double v, const double q[N], const posture
 static void resist(const double q[N], const double qd[N], const double toward[N], const posture *at, double current[N])
 {
     for (int i = 0; i < N; i++) {
-{% if geared %}
-        double v = 0.0;
-        for (int k = 0; k < N; k++)
-            v += SHAFT[i][k] * qd[k];
-{% else %}
-        const double v = qd[i];
-{% endif %}
+        const double v = shaft(qd, i);
         double way = toward ? toward[i] : SIGN(v);
         if (way > 1.0)
             way = 1.0;
@@ -191,9 +199,9 @@ static void resist(const double q[N], const double qd[N], const double toward[N]
             way = -1.0;
         current[i] = v - v + way - way; /* 0, or not a number where the input is not */
         if (way > -1.0)
-            current[i] += 0.5 * (1.0 + way) * moving(i, 1.0, v > 0.0 ? v : 0.0, q, at);
+            current[i] += 0.5 * (1.0 + way) * moving(i, 1.0, v > 0.0 ? v : 0.0, q, qd, at);
         if (way < 1.0)
-            current[i] += 0.5 * (1.0 - way) * moving(i, -1.0, v < 0.0 ? v : 0.0, q, at);
+            current[i] += 0.5 * (1.0 - way) * moving(i, -1.0, v < 0.0 ? v : 0.0, q, qd, at);
     }
 }
 
