@@ -254,13 +254,30 @@ def coarser(bins: Bins, size: int) -> Bins:
     """The same in at most `size` bins."""
     if len(bins) <= size:
         return bins
-    starts, _ = spans(bins.time, size)
-    columns: dict[str, Any] = {
-        name: finite_means(values, starts, bins.count) for name, values in arrays_of(bins).items()
-    }
+    # In a block friction changes its sign.
+    turns = np.flatnonzero(np.diff(np.sign(bins.velocity)) * (bins.rigid_body is not None)) + 1
+    starts, arrays = np.union1d(spans(bins.time, max(size - len(turns), 1))[0], turns), arrays_of(bins)
+    means = finite_means(np.column_stack(list(arrays.values())), starts, bins.count)
+    ends = np.cumsum([values.size // len(bins) for values in arrays.values()])[:-1]
+    columns: dict[str, Any] = dict(zip(arrays, np.split(means, ends, axis=1), strict=True))
+    columns = {name: values.reshape(-1, *arrays[name].shape[1:]) for name, values in columns.items()}
     spread = bins.current - np.repeat(columns["current"], np.diff(starts, append=len(bins)))
+    if bins.rigid_body is not None:
+        spread = _unexplained(bins, spread, starts)
     columns["variance"] += finite_means(spread**2, starts, bins.count)
     return Bins(**columns | {"count": np.add.reduceat(bins.count, starts)})
+
+
+def _unexplained(bins: Bins, spread: Floats, starts: Counts) -> Floats:
+    """(N,) A of a block's current about the means from each start on that no motion of its rigid body and friction
+    explains, in size as before the regression took its share; nothing where that leaves no freedom.
+    """
+    assert bins.rigid_body is not None
+    columns = np.column_stack([bins.rigid_body, bins.velocity, np.sign(bins.velocity)])
+    columns -= np.repeat(finite_means(columns, starts, bins.count), np.diff(starts, append=len(bins)), axis=0)
+    basis, count = np.linalg.qr(columns[:, columns.any(axis=0)])[0], len(bins) - len(starts)
+    free = max(count - basis.shape[1], 0)
+    return np.asarray((spread - basis @ (basis.T @ spread)) * np.sqrt(count / free) if free else 0.0 * spread)
 
 
 def spans(time: Floats, size: int) -> tuple[Counts, Counts]:

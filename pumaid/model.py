@@ -235,7 +235,7 @@ class Model:
 
     def _base_at_nodes(self, bins: JointBins) -> Floats:
         """(3 N, b) columns of the paper's model at the nodes of bins."""
-        nodes, moves = bins.nodes[0], np.repeat(bins.accelerates[bins.run], 3)
+        nodes, moves = bins.nodes[0], np.repeat((bins.accelerates & ~bins.is_block)[bins.run], 3)
         turns = self.robot.joint(bins.joint).is_revolute
         out = swept(nodes, 3 * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
         out += self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,))

@@ -23,8 +23,9 @@ from pumaid.robot import Robot
 
 #: Samples before the last movement of a window that the next window sees again.
 CONTEXT = 1024
-#: Bins of all runs together (some 100 bytes each for six joints), and those that a run keeps in any case.
-RUN_BINS, FEWEST_BINS = 1_500_000, 16
+#: Bins of all runs together (some 100 bytes each for six joints), those of all blocks (five times as large, and a fit
+#: takes all of them: a quarter of an hour as it is, an hour at 6 Hz), and those that a run keeps in any case.
+RUN_BINS, BLOCK_BINS, FEWEST_BINS = 1_500_000, 150_000, 16
 
 #: A time step above so many usual ones, and above so many seconds, is a gap.
 GAP_STEPS, GAP_TIME = 5.0, 0.05
@@ -101,9 +102,16 @@ def segment(
 
 
 def bounded(runs: list[Run]) -> list[Run]:
-    """The runs, their bins halved while there are more than `RUN_BINS` in all, down to `FEWEST_BINS` a run."""
-    while sum(sizes := [len(run.bins) for run in runs]) > RUN_BINS and max(sizes) > FEWEST_BINS:
-        runs = [replace(run, bins=coarser(run.bins, max(FEWEST_BINS, max(sizes) // 2))) for run in runs]
+    """The runs, the longest in half as many bins, or a quarter, or less, where all have more than `RUN_BINS`, or those
+    of blocks more than `BLOCK_BINS`; each keeps `FEWEST_BINS`.
+    """
+    for is_block, allowed in ((False, RUN_BINS), (True, BLOCK_BINS)):
+        sizes = np.array([len(run.bins) * ((run.kind == BLOCK) == is_block) for run in runs], dtype=int)
+        limit = int(sizes.max(initial=0))
+        while np.minimum(sizes, limit).sum() > allowed and limit > FEWEST_BINS:
+            limit = max(FEWEST_BINS, limit // 2)
+        shortened = {k: coarser(runs[k].bins, limit) for k in np.flatnonzero(sizes > limit).tolist()}
+        runs = [replace(run, bins=shortened[k]) if k in shortened else run for k, run in enumerate(runs)]
     return runs
 
 

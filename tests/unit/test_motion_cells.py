@@ -6,7 +6,8 @@ from free_motion import RATE as SAMPLED
 from free_motion import TICKS, fourier, picks
 from test_rigid_body import engine, torques
 
-from pumaid.dataset import Log
+from pumaid.dataset import Dataset, Log
+from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.binning import SegmentOptions
 from pumaid.preprocessing.parallel_filter import LONGEST_CELL, SHORTEST_CELL, cell_length, cells
@@ -88,3 +89,23 @@ def test_moves_between_long_pauses_are_blocks(seconds, kinds):
     assert {run.kind for run in dataset.runs} == kinds
     moves = [reject for reject in dataset.rejects if reject.reason == "rest" and reject.duration > 2.0]
     assert not kinds or len(moves) - 1 <= len({run.start for run in dataset.runs}) <= len(moves) + 1
+
+
+def test_blocks_of_long_motion_share_a_bounded_number_of_bins(monkeypatch):
+    """Beyond it cells are joined: samples and means of all that a fit compares are the same, the RMSE is the noise."""
+    robot, rng = read_recipe(shipped_recipes()["pendulum2"]), np.random.default_rng(5)
+    t, motion = fourier(rng, 2, 60.0, RATE)
+    drawn = np.array([row.sum(axis=0) for row in base_parameters(robot).rows(*motion)]).T + np.sign(motion[1]).T
+    q = motion[0]
+    log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, drawn + rng.normal(0.0, 0.1, drawn.shape))
+    fine = segment([log], robot).runs
+    monkeypatch.setattr("pumaid.preprocessing.segment.BLOCK_BINS", 700)
+    coarse = segment([log], robot).runs
+    assert sum(len(run.bins) for run in coarse) <= 700 < sum(len(run.bins) for run in fine)
+    for a, b in zip(fine, coarse, strict=True):
+        assert a.bins.count.sum() == b.bins.count.sum()
+        for name in ("current", "rigid_body", "position", "acceleration"):
+            before, after = (run.bins.count @ getattr(run.bins, name) for run in (a, b))
+            np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-9)
+    for runs in (fine, coarse):
+        assert [fit.rmse for fit in identify(Dataset(runs, ()), robot).joints] == pytest.approx([0.1, 0.1], rel=0.2)
