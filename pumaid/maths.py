@@ -345,25 +345,27 @@ def fit_bilinear(
     *,
     limit: Floats | None = None,
     prior: Floats | None = None,
+    centre: Floats | None = None,
     most_steps: int = MOST_STEPS,
 ) -> JointSolution:
     """Least squares over parameters and ratios together, from the recursion's solution.
 
     Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
     that does not lower the sum of squares is halved. Edges that `gains` does not have stay unknown; `limit` is as for
-    `least_squares`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation,
-    of parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No steps only linearise at the
-    start.
+    `least_squares`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation
+    about `centre`, where not given of parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No
+    steps only linearise at the start.
 
     Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and
     C. J. Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
     """
     p, theta = len(values), np.concatenate([values, gains.ratios])
     held = np.zeros((0, len(theta))) if prior is None else np.diag(prior)[prior > 0.0]
-    centre, small = np.repeat([0.0, USUAL_RATIO], [p, len(theta) - p]), system.condensed()
+    middle, small = np.repeat([0.0, USUAL_RATIO], [p, len(theta) - p]), system.condensed()
+    middle = middle if centre is None else centre
 
     def residual(at: Floats) -> Floats:
-        return np.concatenate([small.left(at[:p], gains.with_ratios(at[p:])), held @ (centre - at)])
+        return np.concatenate([small.left(at[:p], gains.with_ratios(at[p:])), held @ (middle - at)])
 
     def step(at: Floats, off: Floats) -> LeastSquares:
         jacobian = small.jacobian(gains.with_ratios(at[p:]), at[:p])

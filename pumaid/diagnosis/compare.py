@@ -124,15 +124,15 @@ def budget(
     )
     if mean_square > ROUNDING**2:
         search.run()
-    strokes, speeds = bool(bins.accelerates.any()), len(bins.speeds)
+    varies, speeds = bool(bins.accelerates.any()), len(bins.speeds)
     limits = {
         "few-runs": len(bins.runs) < FEWEST_RUNS,
         "no-replicates": not bins.pairs,
         "one-direction": len(bins.directions) == 1,
         "one-posture": len(bins.postures) == 1,
-        "one-speed": speeds == 1 and not strokes,
-        "two-speeds": speeds == 2 and not strokes,
-        "strokes": strokes,
+        "one-speed": speeds == 1 and not varies,
+        "two-speeds": speeds == 2 and not varies,
+        "strokes": bool((bins.accelerates & ~bins.is_block).any()),
         "several-clocks": len({run.clock for run in bins.runs}) > 1,
         "no-load": load is None,
     }

@@ -32,7 +32,7 @@ Progress = Callable[[int, str], None]
 
 #: Rounds of variances and joint fit: the second changes weights by well under a percent.
 ROUNDS = 2
-#: How much firmer than its prior a shape is held at a bound.
+#: How much firmer than its prior a shape is held at a bound, and inverse of the deviation by which a ratio is held.
 TIGHT = 1e6
 #: Noise of a joint between runs, over that inside them, beyond which the recursion is taken to have gone astray.
 ASTRAY = 10.0
@@ -217,6 +217,27 @@ def refit(
     prior = np.append(priors(model, limit), before.prior[len(before.values) :])
     fitted = replace(before, model=model, rows=rows, noises=noises, prior=prior, limit=limit)
     return _solved(fitted, values, before.gains)
+
+
+def rise(fitted: Fit, edge: int, ratio: float) -> float:
+    """By how much the whitened square, priors included, rises where the ratio on edge number `edge` is held at another
+    and all else is fitted anew.
+    """
+    p, ratios = len(fitted.values), fitted.gains.ratios
+    held, centre = np.arange(len(fitted.prior)) == p + edge, np.repeat([0.0, USUAL_RATIO], [p, len(ratios)])
+    there = fit_bilinear(
+        fitted.system,
+        fitted.values,
+        fitted.gains.with_ratios(np.where(held[p:], ratio, ratios)),
+        limit=reach_of(fitted.limit, fitted.prior),
+        prior=np.where(held, TIGHT, fitted.prior),
+        centre=np.where(held, ratio, centre),
+    )
+    squares = []
+    for solution in (there, fitted.solution):
+        off = fitted.prior * (np.append(solution.values, solution.gains.ratios) - centre)
+        squares.append(float(solution.residual @ solution.residual + off @ off))
+    return squares[0] - squares[1]
 
 
 def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:

@@ -13,7 +13,7 @@ from pumaid.effects import Family, Samples, Scope
 from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation.fit import Fit, Row
-from pumaid.estimation.gls import covariance_of, interval, two_sided
+from pumaid.estimation.gls import covariance_of, interval, rise, two_sided
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Floats
 from pumaid.model import KNOWN_LOAD, Model
@@ -23,8 +23,9 @@ from pumaid.units import number
 #: A ratio of gains counts as identified when its standard error is below `RATIO_KNOWN` (gains of neighbours are of
 #: comparable size, so such an interval tells something whatever the value), or when zero is outside its 99.9 %
 #: interval. Either way the load that carries it must itself be non-zero at that level: else the interval is none of a
-#: ratio (Fieller).
-RATIO_LEVEL = 0.001
+#: ratio (Fieller). Where it is known to less than `ROUGHLY` of itself, the least square must also rise, `FAR` standard
+#: errors to either side, to at least `RISE` of what a parabola would.
+RATIO_LEVEL, ROUGHLY, FAR, RISE = 0.001, 0.05, 3.3, 0.5
 #: An effect's parameter whose error is above this share of its plausible size is not identified.
 OPEN = 0.5
 #: Share of a direction that makes a parameter part of it; well above the jitter of held positions.
@@ -389,7 +390,7 @@ class FittedParameters:
                 dof = min((float(self.freedoms[p + edge]) for edge in edges), default=np.inf)
                 error = float(np.sqrt(max(variance, 0.0)))
                 is_certain = error < RATIO_KNOWN or two_sided(value / error, dof) < RATIO_LEVEL
-                if is_certain and all(self._is_loaded(edge) for edge in edges):
+                if is_certain and all(self._is_loaded(edge) and self._is_bounded(edge) for edge in edges):
                     return _identified(bare, value, variance, dof)
                 load = min(map(self._load, edges), key=lambda pair: pair[0] / max(pair[1], 1e-300), default=load)
         return _open(bare, of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
@@ -407,6 +408,20 @@ class FittedParameters:
         errors = np.sqrt(np.diag(self.covariance))
         chances = (two_sided(values[n] / errors[n], self.freedoms[n]) for n in loads if errors[n] > 0.0)
         return min(chances, default=1.0) < RATIO_LEVEL
+
+    def _is_bounded(self, edge: int) -> bool:
+        """Whether the likelihood bounds the ratio on edge number `edge` as its standard error says.
+
+        A load that its own joint hardly tells is fitted by what the inner joint draws, whatever the ratio: the interval
+        of a linearised fit is then too narrow.
+
+        Source: G. A. F. Seber and C. J. Wild, Nonlinear Regression, ch. 5.8, profile likelihood.
+        """
+        fitted, place = self.fitted, len(self.fitted.values) + edge
+        ratio, error = fitted.gains.ratios[edge], math.sqrt(max(float(fitted.inverse[place, place]), 0.0))
+        if fitted.first is None or error < ROUGHLY * abs(ratio):
+            return True
+        return all(rise(fitted, edge, ratio + side * error) >= RISE * side**2 for side in (-FAR, FAR))
 
     def _load(self, edge: int) -> tuple[float, float]:
         """RMS (A) of what comes through an edge in its upper joint's current, and that part's standard error."""

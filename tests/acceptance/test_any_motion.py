@@ -95,3 +95,18 @@ def test_currents_without_friction_are_told(name):
     current = truth.gain * gravity_load(robot, truth.links, q)[0] + 0.02 * rng.normal(size=q.shape)
     log = Log("hand.csv", np.arange(len(q)) + 2, np.arange(len(q)) / RATE, q, None, current)
     assert identify(segment([log], robot), robot).notes[0].slug == "friction-none"
+
+
+@pytest.mark.parametrize(
+    ("seed", "moving", "is_shown"), [(76, (4, 5), False), (71, (4, 5), False), (72, (3, 4, 5), True)]
+)
+def test_a_ratio_is_told_only_where_the_likelihood_bounds_it(seed, moving, is_shown):
+    """Of a wrist that moves alone a linearised fit knew eta4/eta5 as -0.09 ± 0.12; it is 1.27, and any fits as well."""
+    robot, rng = read_recipe(shipped_recipes()["puma560"]), np.random.default_rng(seed)
+    wanted = waves(rng, 60.0, reach(robot)) * np.isin(np.arange(1, 7), moving)
+    truth = draw(robot, seed)
+    estimate = identify(segment([recorded(truth, wanted, rng, counts=2e4)], robot), robot)
+    value = next(value for value in estimate.values if value.name == "gain_ratio.4.5")
+    exact = true_values(truth)[value.name]
+    assert (value.std_error is not None) == is_shown
+    assert not is_shown or abs(value.value - exact) < 4.0 * value.std_error < abs(exact)
