@@ -2,7 +2,7 @@
 
 import copy
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, Bins, FirstMotions, Run, coarser, first_motions
-from pumaid.effects import Extent, Loads, Samples
+from pumaid.effects import Extent, Samples
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.replicates import replicates
@@ -29,9 +29,6 @@ FEWEST_SETTLED = 20
 #: Speeds within this share are one speed; held positions closer than this (rad or m) are one posture: far above encoder
 #: noise and creep, far below what a planner would call another posture.
 SAME_SPEED, SAME_POSTURE = 0.03, 0.03
-
-#: Positions of a run from which two harmonics of the position are known.
-PLACES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,52 +301,6 @@ def samples_of(run: Run, begun: FirstMotions) -> Samples:
         run=np.zeros(len(bins)),
         extra=bins.extra,
     )
-
-
-def at(samples: Samples, rows: Counts) -> Samples:
-    """The instants `rows` of some samples."""
-    chosen = Samples(samples.joint, **{name: values[rows] for name, values in samples.series().items()})
-    if samples.loads is None:
-        return chosen
-    loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
-    return replace(
-        chosen, loads=Loads(**{name: v if name in ("gains", "rubs") else v[rows] for name, v in loads.items()})
-    )
-
-
-def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
-    """A table's values (M, F) at all of M instants of R runs of `sizes` instants each, asked for at `PLACES` of each.
-
-    Exact for whatever is a direction of a link, a lever or a load, or a product of two of them, while one joint moves
-    (`turns`, or slides) and the others stand: two harmonics of its position, or its square of a slide's. Columns with a
-    NaN in a run are NaN in all of it. Where other joints move, too, the table is asked at every instant.
-    """
-    starts, moving = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64), samples.joint - 1
-    is_free = np.logical_or.reduceat(np.delete(samples.velocity, moving, axis=1).any(axis=1), starts)
-    free = np.flatnonzero(np.repeat(is_free, sizes))
-    if len(free) == len(samples):
-        return table(samples)
-    if len(free):
-        rest = np.flatnonzero(~np.repeat(is_free, sizes))
-        alone = swept(at(samples, rest), sizes[~is_free], table, turns=turns)
-        out = np.empty((len(samples), alone.shape[1]))
-        out[rest], out[free] = alone, table(at(samples, free))
-        return out
-    places = np.linspace(0.0, 2.0 * np.pi, PLACES, endpoint=False) if turns else np.linspace(-1.0, 1.0, PLACES)
-    knots = at(samples, np.repeat(starts, PLACES))
-    position = knots.position.copy()
-    position[:, moving] = np.tile(places, len(sizes))
-    asked = table(replace(knots, position=position))
-    parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
-    basis = np.split(_harmonics(samples.position[:, moving], turns), starts[1:])
-    return np.vstack([at_run @ part for at_run, part in zip(basis, parts, strict=True)])
-
-
-def _harmonics(q: Floats, turns: bool) -> Floats:
-    """(M, 5) two harmonics of an angle, or (M, 3) powers of a displacement."""
-    if turns:
-        return np.column_stack([np.ones(len(q)), np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)])
-    return np.column_stack([np.ones(len(q)), q, q * q])
 
 
 def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -> Extent:

@@ -13,8 +13,9 @@ import numpy as np
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Loads, Samples, Scope, catalogue
+from pumaid.effects.formula import swept
 from pumaid.estimate import Estimate
-from pumaid.joint_bins import JointBins, swept
+from pumaid.joint_bins import JointBins
 from pumaid.maths import Flags, Floats, Recursion, independent
 from pumaid.rigid_body import base_parameters, point_mass, weight_name
 from pumaid.robot import Payload, Robot

@@ -41,7 +41,7 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
     errors = {row.bins.joint: max(rmse(row.bins, row.misfit), TINY) for row in scan.solved.joints}
     tests, out = {id(test.added): test for test in scan.trials}, dict[Key, Limit]()
     for key, group in scan.candidates.groups.items():
-        falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in projector.grid(group).items()]
+        falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in projector.columns(group).items()]
         largest = np.max(falls, axis=0, initial=0.0).reshape(len(group), -1)[:, 0] if falls else np.zeros(len(group))
         sizes = [
             _size(tests[id(term)], family, scan, fall=fall)

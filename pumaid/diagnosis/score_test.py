@@ -123,9 +123,10 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     """
     projector, tests = Projector(solved), list[ScoreTest | None]()
     for group in tried.groups.values():
-        few = max(AT_ONCE // len(group[0].effect.parameters(solved.model.robot, group[0].number)), 1)
+        steps, width = projector.steps(group), len(group[0].effect.parameters(solved.model.robot, group[0].number))
+        few = len(group) if steps else max(AT_ONCE // width, 1)
         for part in (group[start : start + few] for start in range(0, len(group), few)):
-            tests += scores_at(projector, part, projector.grid(part))
+            tests += scores_at(projector, part, steps)
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
@@ -178,15 +179,15 @@ def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
 
 
 def scores_at(
-    projector: Projector, terms: Sequence[EffectTerm], columns: Mapping[int, Floats] | None = None
+    projector: Projector, terms: Sequence[EffectTerm], steps: Mapping[int, Floats] | None = None
 ) -> list[ScoreTest | None]:
-    """The same for several shapes of one effect at once, their `columns` by joint made where not given."""
-    solved = projector.solved
-    white = projector.whitened(projector.columns(terms) if columns is None else columns)
+    """The same for several shapes of one effect at once; with `Projector.steps` by one that came before all runs."""
+    solved, made = projector.solved, [terms[0].at({"time": -np.inf})] if steps else terms
+    white = projector.whitened(projector.columns(made))
     if not white:
         return [None] * len(terms)
-    width = next(iter(white.values())).shape[1] // len(terms)
-    scores, information, raw = projector.scores(white, width)
+    width = next(iter(white.values())).shape[1] // len(made)
+    scores, information, raw = projector.scores(white, width, steps)
     out = []
     for number, term in enumerate(terms):
         part = slice(number * width, (number + 1) * width)

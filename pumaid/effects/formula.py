@@ -19,18 +19,20 @@ parameters. Parameters and shapes stand in it by their own names. Of the joint w
 import ast
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from types import CodeType
 from typing import Any
 
 import numpy as np
 
-from pumaid.maths import Floats
+from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
 
 #: degC that a joint has where its temperature was not measured; it only shifts Coulomb friction.
 REFERENCE = 25.0
+#: Positions of a run from which two harmonics of the position are known.
+PLACES = 5
 #: What a formula may call.
 FUNCTIONS = {
     **{name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")},
@@ -102,36 +104,72 @@ def loads_of(samples: Samples) -> Loads:
     return samples.loads
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Positions:
-    """(M, J) positions of a moving joint of an arm, the same as others if their array is."""
-
-    robot: Robot
-    joint: int
-    values: Floats
-
-    def __hash__(self) -> int:
-        return id(self.values)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Positions) and self.values is other.values and self.robot is other.robot
+def at(samples: Samples, rows: Counts) -> Samples:
+    """The instants `rows` of some samples."""
+    chosen = Samples(samples.joint, **{name: values[rows] for name, values in samples.series().items()})
+    if samples.loads is None:
+        return chosen
+    loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
+    return replace(
+        chosen, loads=Loads(**{name: v if name in ("gains", "rubs") else v[rows] for name, v in loads.items()})
+    )
 
 
-@lru_cache(
-    maxsize=16
-)  # asked again for every quantity, at each look, and every instant at which a payload may have come
-def _unit_body(at: _Positions) -> Floats:
-    """(4, M) N m (N) of a unit of mass at the last link's origin, and of a unit of first moment along each of its axes.
+def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
+    """A table's values (M, F) at all of M instants of R runs of `sizes` instants each, asked for at `PLACES` of each.
+
+    Exact for whatever is a direction of a link, a lever or a load, or a product of two of them, while one joint moves
+    (`turns`, or slides) and the others stand: two harmonics of its position, or its square of a slide's. Columns with a
+    NaN in a run are NaN in all of it. Where other joints move, too, the table is asked at every instant.
+    """
+    starts, moving = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64), samples.joint - 1
+    is_free = np.logical_or.reduceat(np.delete(samples.velocity, moving, axis=1).any(axis=1), starts)
+    free = np.flatnonzero(np.repeat(is_free, sizes))
+    if len(free) == len(samples):
+        return table(samples)
+    if len(free):
+        rest = np.flatnonzero(~np.repeat(is_free, sizes))
+        alone = swept(at(samples, rest), sizes[~is_free], table, turns=turns)
+        out = np.empty((len(samples), alone.shape[1]))
+        out[rest], out[free] = alone, table(at(samples, free))
+        return out
+    places = np.linspace(0.0, 2.0 * np.pi, PLACES, endpoint=False) if turns else np.linspace(-1.0, 1.0, PLACES)
+    knots = at(samples, np.repeat(starts, PLACES))
+    position = knots.position.copy()
+    position[:, moving] = np.tile(places, len(sizes))
+    asked = table(replace(knots, position=position))
+    parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
+    basis = np.split(_harmonics(samples.position[:, moving], turns), starts[1:])
+    return np.vstack([at_run @ part for at_run, part in zip(basis, parts, strict=True)])
+
+
+def _harmonics(q: Floats, turns: bool) -> Floats:
+    """(M, 5) two harmonics of an angle, or (M, 3) powers of a displacement."""
+    if turns:
+        return np.column_stack([np.ones(len(q)), np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)])
+    return np.column_stack([np.ones(len(q)), q, q * q])
+
+
+@lru_cache(maxsize=1)  # asked for by each of the four quantities
+def _unit_body(robot: Robot, samples: Samples) -> Floats:
+    """(M, 4) N m (N) of a unit of mass at the last link's origin, and of a unit of first moment along each of its axes.
 
     For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
     """
-    i, robot, g = at.joint - 1, at.robot, np.asarray(at.robot.gravity, dtype=float)
-    frames, places = robot.frames(at.values)
-    z_i, last = frames[:, i, :, 2], frames[:, -1]
-    if not robot.joints[i].is_revolute:
-        return np.vstack([-(z_i @ g), np.zeros((3, len(z_i)))])
-    levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
-    return np.einsum("mk,mkp->pm", np.cross(z_i, g), levers)
+    i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
+    turns = robot.joints[i].is_revolute
+
+    def table(knots: Samples) -> Floats:
+        frames, places = robot.frames(knots.position)
+        z_i, last = frames[:, i, :, 2], frames[:, -1]
+        if not turns:
+            return np.hstack([-(z_i @ g)[:, None], np.zeros((len(z_i), 3))])
+        levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
+        return np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
+
+    moved = np.diff(np.delete(samples.position, i, axis=1), axis=0).any(axis=1)
+    stops = np.append(np.flatnonzero(moved) + 1, len(samples))
+    return swept(samples, np.diff(stops, prepend=0), table, turns=turns)
 
 
 def _way(robot: Robot, samples: Samples, owner: int) -> Floats:
@@ -150,7 +188,7 @@ def _friction(robot: Robot, samples: Samples, joint: int) -> Floats:
 def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
     """(M,) A; zero where the ratio of gains to the last joint is not known."""
     gain = loads_of(samples).gains[-1]
-    felt = _unit_body(_Positions(robot, samples.joint, samples.position))[part]
+    felt = _unit_body(robot, samples)[:, part]
     return felt * gain if np.isfinite(gain) else 0.0 * felt
 
 
@@ -233,6 +271,19 @@ def at_rest(formula: str) -> tuple[str, str]:
     if hold == filled(formula, {}):
         return hold, "0.0"
     return hold, filled(f"{formula} - ({hold})", {})
+
+
+@lru_cache(maxsize=512)
+def clock_of_step(formula: str) -> str:
+    """Name in `Samples` of the time after whose instant ``time`` a formula is the same for ever, and before it zero.
+
+    Empty where it is no such step.
+    """
+    for name, clock in (("t", "time"), ("elapsed", "elapsed")):
+        before, after = (formula.replace(f"({name} > time)", value) for value in ("0.0", "1.0"))
+        if before and filled(before, {}) == "0.0" and "time" not in names_in(after):
+            return clock
+    return ""
 
 
 def printed(formula: str) -> str:

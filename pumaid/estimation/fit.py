@@ -10,6 +10,7 @@ import numpy as np
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
+from pumaid.effects.formula import clock_of_step
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, pseudo_inverse
@@ -365,17 +366,21 @@ class Projector:
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
 
-    def grid(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
-        """`columns` of shapes that are asked for at each look: made once, unless they are of the load."""
-        if terms[0].effect.needs_loads or self.at_nodes:
-            return self.columns(terms)
-        key = tuple((term.effect, term.joint, *term.shape.values()) for term in terms)
-        touched = [row.bins for row in self.solved.joints if terms[0].touches(row.bins.joint)]
-        if not all(key in bins.kept for bins in touched):
-            made = self.columns(terms)
-            for bins in touched:
-                bins.kept[key] = made.get(bins.joint, np.zeros((0, 0)))
-        return {bins.joint: bins.kept[key] for bins in touched if bins.kept[key].size}
+    def steps(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
+        """Joint -> (R, k) one in runs after the instant of each of k steps in time, else zero.
+
+        Empty where the effect is none, or one of the instants is amid a run.
+        """
+        clock, out = clock_of_step(terms[0].effect.formula), dict[int, Floats]()
+        if not clock or len(terms[0].shape) > 1:
+            return out
+        for joint, row in self.solved.by_bin.items():
+            if terms[0].touches(joint):
+                after = getattr(row.bins.samples, clock)[:, None] > [term.shape["time"] for term in terms]
+                out[joint] = after[row.bins.first].astype(float)
+                if np.any(out[joint][row.bins.run] != after):
+                    return {}
+        return out
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""
@@ -390,21 +395,33 @@ class Projector:
             out[acting] += derivatives @ columns
         return out
 
-    def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
+    def scores(
+        self, white: Mapping[int, Floats], width: int, steps: Mapping[int, Floats] | None = None
+    ) -> tuple[Floats, Floats, Floats]:
         """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
 
         Of whitened columns (N, V) by joint, zero in joints that are absent: (R, V) scores of all joints' runs,
-        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection.
+        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection. `steps` (R, k)
+        by joint say in which runs each candidate is what `white` (N, m) has, so that sums over runs do.
         """
-        cross = self.crossed(white)
-        turned = self.solved.inverse @ cross
-        scores, gram = -self.base_scores @ turned, np.zeros((cross.shape[1] // width, width, width))
+        count = next(iter((steps or white).values())).shape[1] // (1 if steps else width)
+        scores, gram = np.zeros((len(self.base_scores), count * width)), np.zeros((count, width, width))
+        cross = np.zeros((len(self.solved.inverse), count, width)) if steps else self.crossed(white)
         for joint, columns in white.items():
-            row = self.solved.by_bin[joint]
-            scores[self.runs[joint]] += row.bins.products(row.residual, columns)
-            gram += _products(columns, columns, width)
-        raw = np.diagonal(gram, axis1=1, axis2=2).ravel()
-        return scores, gram - _products(cross, turned, width), raw
+            row, (acting, derivatives) = self.solved.by_bin[joint], self.acting[joint]
+            by_run = row.bins.products(row.residual, columns)
+            if not steps:
+                scores[self.runs[joint]] = by_run
+                gram += _products(columns, columns, width)
+                continue
+            after = steps[joint]
+            scores[self.runs[joint]] = (after[:, :, None] * by_run[:, None]).reshape(len(after), -1)
+            for n, column in enumerate(columns.T):
+                cross[acting, :, n] += row.bins.products(column, derivatives.T).T @ after
+                gram[:, n] += after.T @ row.bins.products(column, columns)
+        cross = cross.reshape(len(cross), count * width)
+        turned, raw = self.solved.inverse @ cross, np.diagonal(gram, axis1=1, axis2=2).ravel()
+        return scores - self.base_scores @ turned, gram - _products(cross, turned, width), raw
 
     def refits(self, terms: Sequence[EffectTerm], *, limits: Floats | None = None) -> list[Refit]:
         """An effect with each of some shapes, without its derivatives, its linear parameters held by priors.
