@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import ClassVar
 
@@ -41,7 +41,7 @@ def grid_of(solved: Fit, effect: Effect, joint: int | None) -> tuple[EffectTerm,
     if joint in rows:
         covered = extent([rows[joint].bins], joint, rows[joint].drawn)
     else:
-        covered = extent([row.bins for row in solved.joints], 0)
+        covered = replace(extent([row.bins for row in solved.joints], 0), joint=joint)
     return tuple(EffectTerm(effect, joint, dict(shape)) for shape in effect.grid(solved.model.robot, covered))
 
 

@@ -229,13 +229,20 @@ class Stepwise:
             self._exchange()
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
-        """Score all candidates with the noise that is left once the leading one is out, then judge the leaders."""
+        """Score all candidates with the noise that is left once each joint's leading one is out, and judge.
+
+        Were only the arm's leading one out, what another joint lacks would be noise of that joint where repeats differ
+        by it.
+        """
         solved = self.solved(added)
         tried = candidates(solved, self.effects)
         table = score_candidates(solved, tried)
-        lead = max(table.best().values(), key=lambda trial: evidence(solved, trial), default=None)
-        if lead is not None and evidence(solved, lead) > DECISIVE:  # else it takes no noise with it
-            solved = self.solved(added, _noises(self._unsized([*added, lead.added])))
+        trials = sorted(table.best().values(), key=lambda trial: evidence(solved, trial))
+        leads = {trial.added.joint: trial.added for trial in trials if evidence(solved, trial) > 0.0}
+        if None in leads:  # of the whole arm: it is all that leads, or explains what joints' own do
+            leads = {None: leads[None]} if trials[-1].added is leads[None] else {j: leads[j] for j in leads if j}
+        if leads:
+            solved = self.solved(added, _noises(self._unsized([*added, *leads.values()])))
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)

@@ -16,6 +16,7 @@ from pumaid.diagnosis.score_test import ScoreTable, SignFlips, score_candidates,
 from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
+from pumaid.simulation import Hidden
 
 NOISES = {"normal": Din(), "heavy": Din(is_heavy=True), "levels": Din(correlation=0.8, level=0.02)}
 LABS = {"lever": lever, "pendulum": pendulum}
@@ -196,3 +197,22 @@ def test_what_is_absorbed_says_which_runs_show_it(name, lacking):
 def test_every_effect_says_which_runs_show_it():
     """But those that are in every model."""
     assert [name for name, effect in catalogue().items() if not (effect.base or effect.seen_in)] == []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_a_joint_lacks_is_no_noise_of_it_while_another_joint_leads(seed):
+    """Five repeats that differ by warm-up of joint 2 hid it as long as load friction of joint 1 came first."""
+    plan = design(PENDULUM, postures=3, speeds=(0.3, 0.6, 1.2), repeats=5)
+    warmup = Hidden("warmup", 2, {"a": 0.08, "time_constant": 400.0})
+    lab = Lab.of(PENDULUM, plan, Hidden("load_friction", 1), warmup)
+    found = Stepwise(lab.model, lab.noisy(seed, DIN)).look([])
+    assert found.chosen is not None and found.chosen.key == ("load_friction", 1)
+    assert next(item for item in found.evaluated if item.key == ("warmup", 2)).fault is None
+
+
+def test_what_a_resting_joint_causes_is_looked_for_where_it_can_be():
+    """A coupling of a joint that never moved was looked for at joint 25 of the arm, and the program fell."""
+    lab = Lab.of(PENDULUM, design(PENDULUM, [1]))
+    groups = candidates(lab.fitted(lab.runs)).groups
+    assert [term.shape for term in groups["coupling", 2]] == [{"on": 1.0}]
+    Stepwise(lab.model, lab.noisy(1, DIN)).look([])
