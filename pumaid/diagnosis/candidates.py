@@ -35,14 +35,17 @@ class Candidates:
     excluded: Mapping[Key, str] = field(default_factory=dict)
 
 
-def grid_of(solved: Fit, effect: Effect, joint: int | None) -> tuple[EffectTerm, ...]:
+def grid_of(solved: Fit, effect: Effect, joint: int | None, *, covered: Extent | None = None) -> tuple[EffectTerm, ...]:
     """An effect with each shape at which a search begins, given what the runs of its joint cover, or those of all."""
-    rows = {row.bins.joint: row for row in solved.joints}
-    if joint in rows:
-        covered = extent([rows[joint].bins], joint, rows[joint].drawn)
-    else:
-        covered = replace(extent([row.bins for row in solved.joints], 0), joint=joint)
-    return tuple(EffectTerm(effect, joint, dict(shape)) for shape in effect.grid(solved.model.robot, covered))
+    grid = effect.grid(solved.model.robot, covered or _covered(solved, joint))
+    return tuple(EffectTerm(effect, joint, dict(shape)) for shape in grid)
+
+
+def _covered(solved: Fit, joint: int | None) -> Extent:
+    """What the runs of a joint cover, or those of all."""
+    row = solved.by_bin.get(joint or 0)
+    bins = [part.bins for part in solved.joints]
+    return replace(extent(bins, 0), joint=joint) if row is None else extent([row.bins], row.bins.joint, row.drawn)
 
 
 def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -51,6 +54,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     owners: dict[Scope, Sequence[int | None]] = {Scope.ARM: (None,), Scope.CAUSE: range(1, robot.n_joints + 1)}
     present = {term.key for term in solved.model.effects}
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
+    covered = {joint: _covered(solved, joint) for joint in (None, *range(1, robot.n_joints + 1))}
     groups, excluded = {}, {}
     for effect in (x for x in effects or catalogue().values() if not x.base and x.periodic is None):
         for joint in owners.get(effect.scope, moving):
@@ -58,7 +62,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
             if why is not None:
                 excluded[effect.name, joint] = why
             elif effect.is_repeatable or (effect.name, joint) not in present:
-                groups[effect.name, joint] = grid_of(solved, effect, joint)
+                groups[effect.name, joint] = grid_of(solved, effect, joint, covered=covered[joint])
     return Candidates({key: group for key, group in groups.items() if group}, excluded)
 
 
@@ -183,9 +187,9 @@ HIGHEST = 0.9
 #: Resolutions of a run about a wave that the model has already, in which there is no other: what is left there is that
 #: wave, stronger or shifted in some runs.
 SAME = 2.0
-#: Points of the even grid that bins are shared out to, a period of the highest frequency: a wave there leaks 2 %.
+#: Points of the even grid that bins are shared out to, a period of the highest frequency: a wave there leaks 1 %.
 #: Lengths that stand for the ways from bin to bin, which are unequal where the speed is.
-POINTS, WIDTHS = 8, 8
+POINTS, WIDTHS = 4, 8
 #: Runs below which signs are flipped of pieces of runs, about so many in all: of so few whole runs, flips that change
 #: nothing or all are more than one in fifty. Waves are looked at of which a piece holds this many: what is slower may
 #: be noise that neighbouring pieces share.
@@ -273,7 +277,7 @@ def spectrum(
 ) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the bins can show; None where runs are too short for any.
 
-    Bins lie at uneven places where the speed is not constant, so each is shared out to the two nearest points of an
+    Bins lie at uneven places where the speed is not constant, so each is shared out to the four nearest points of an
     even grid, whose transform gives all frequencies at once. What the base model would absorb is left out of account:
     nothing of it varies so fast.
 
@@ -294,7 +298,7 @@ def spectrum(
     if grid is None:
         return None
     back = noise.unwhiten(bins, white) * grid.usable[bins.run]
-    shared = _shared(grid.place, back, piece=grid.piece, points=int(grid.place.max()) + 2)
+    shared = _shared(grid.place, back, piece=grid.piece, points=int(grid.place.max()) + 3)
     scores = np.conj(fft.rfft(shared, n=grid.points, axis=1)[:, grid.chosen])
     scores *= grid.turn / np.float32(scale)
     rho = noise.correlation
@@ -337,7 +341,8 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
     top = HIGHEST * np.pi / float(np.median(way[usable] / (lengths[usable] - 1)))
     slow = fewest_periods / way.max()
     lowest = 2.0 * np.pi * (max(slow, A_PIECE * PIECES / way[usable].sum()) if is_pieces else slow)
-    start, step = float(low[usable].min()), 2.0 * np.pi / (POINTS * top)
+    step = 2.0 * np.pi / (POINTS * top)
+    start = float(low[usable].min()) - 1.5 * step
     points = fft.next_fast_len(int(np.ceil(OVERSAMPLING * (high[usable].max() - start) / step)), real=True)
     frequency = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, step))
     chosen = slice(*np.searchsorted(frequency, (lowest, np.nextafter(top, np.inf))).tolist())
@@ -354,9 +359,9 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
         points,
         2.0 * np.pi / float(way.max()),
         usable,
-        np.where(usable[bins.run], (q - start) / step, 0.0),
+        np.where(usable[bins.run], (q - start) / step, 1.0),
         _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run,
-        (np.exp(1j * frequency * start) / np.sinc(0.5 * frequency * step / np.pi) ** 2).astype(np.complex64),
+        (np.exp(1j * frequency * start) / np.sinc(0.5 * frequency * step / np.pi) ** 4).astype(np.complex64),
         likeness,
     )
 
@@ -369,12 +374,13 @@ def _pieces(bins: JointBins, way: Floats) -> Counts:
 
 
 def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> NDArray[np.float32]:
-    """(S, points) values at places between the points of a grid, shared out to both sides; what is off it is zero."""
-    lower = np.clip(np.floor(place), 0, points - 2).astype(np.int64)
-    part, index = place - lower, piece * points + lower
+    """(S, points) values at places among the points of a grid, shared out by cubic splines; what is off it is zero."""
+    lower = place.astype(np.int64)
+    t, index = place - lower, piece * points + lower
+    shares = ((1.0 - t) ** 3, 4.0 + 3.0 * t**2 * (t - 2.0), 1.0 + 3.0 * t * (1.0 + t - t**2), t**3)
     out = np.bincount(
-        np.concatenate([index, index + 1]),
-        np.concatenate([values * (1.0 - part), values * part]),
+        np.concatenate([index + shift for shift in (-1, 0, 1, 2)]),
+        np.concatenate([values / 6.0 * share for share in shares]),
         minlength=int(piece[-1] + 1) * points,
     )
     return out.reshape(-1, points).astype(np.float32)  # six digits of a chance, in half the time

@@ -358,7 +358,7 @@ class Stepwise:
 
 def _noises(fitted: Fit) -> dict[int, NoiseModel]:
     """By joint, what a fit leaves."""
-    return {row.bins.joint: noise_of(row.bins, row.misfit) for row in fitted.joints}
+    return {row.joint: noise_of(row.bins, fitted.misfit(row.bins, row.design)) for row in fitted.rows}
 
 
 def _chosen(bins: Sequence[Sequence[JointBins]], added: Sequence[EffectTerm]) -> tuple[JointBins, ...]:

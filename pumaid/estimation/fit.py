@@ -243,9 +243,9 @@ class Fit:
         jacobian[:, live] = noise.whiten(bins, bare.T[live].T)
         return FitRow(bins, noise, jacobian, noise.whiten(bins, misfit), bare, misfit)
 
-    def misfit(self, bins: JointBins) -> Floats:
-        """(N,) A that it leaves at any bins of a joint."""
-        return self._beside(bins).left(self.values, self.gains)
+    def misfit(self, bins: JointBins, design: Floats | None = None) -> Floats:
+        """(N,) A that it leaves at any bins of a joint, whose (N, p) `design` is made where not given."""
+        return self._beside(bins, design).left(self.values, self.gains)
 
     def _beside(self, bins: JointBins, design: Floats | None = None) -> Bilinear:
         design = design_of(self.model, bins, self) if design is None else design
