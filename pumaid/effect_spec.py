@@ -67,6 +67,10 @@ class EffectTerm:
         """Owner: joint or link from 1, 0 for the whole arm."""
         return self.joint or 0
 
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Linear parameters, in units of the joint that the shape `on` names, where there is one."""
+        return self.effect.parameters(robot, int(self.shape.get("on", self.number)))
+
     def shapes(self, robot: Robot) -> dict[str, Shape]:
         """Nonlinear parameters by name."""
         return {shape.name: shape for shape in self.effect.shapes(robot, self.number)}
@@ -87,7 +91,7 @@ class EffectTerm:
         effect, number = self.effect, self.number
         letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")
         items: list[Parameter | Shape] = [
-            *effect.parameters(robot, number),
+            *self.parameters(robot),
             *(shape for shape in effect.shapes(robot, number) if shape.name in self.fitted),
         ]
         for item in items:

@@ -425,9 +425,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     parts[:, :i] = 0.0
     h = parts.sum(axis=1)
     load = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else elsewhere[:, i]
-    slopes = np.column_stack(
-        [_slope(i, m, z=z, parts=parts, weights=weights * ratios, g=g, turns=turns) for m in range(len(turns))]
-    )
+    slopes = _slopes(i, z=z, parts=parts, weights=weights * ratios, g=g, turns=turns)
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
     felt = np.einsum("mjk,j->mk", moments, felt_ratios(heavy, scales, i))
     if turns[i]:
@@ -455,13 +453,14 @@ def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:
     return np.zeros(len(scales))
 
 
-def _slope(i: int, m: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: Flags) -> Floats:
-    """(M,) derivative of joint i's load by joint m's position (both from 0)."""
-    if not turns[m]:
-        far = weights[m] if turns[i] and m > i else 0.0
-        return np.einsum("mk,mk->m", np.cross(z[:, i], g), z[:, m]) * far
+def _slopes(i: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: Flags) -> Floats:
+    """(M, J) derivative of joint i's load by each joint's position (i from 0)."""
+    levers, links = np.cross(z, g), np.arange(z.shape[1])
     if not turns[i]:
-        return -(np.cross(z[:, m], z[:, i]) @ g) * weights[i] if m < i else np.zeros(len(z))
-    if m <= i:  # all of it turns: as if gravity turned the other way
-        return -np.einsum("mk,mk->m", np.cross(z[:, i], np.cross(z[:, m], g)), parts.sum(axis=1))
-    return np.einsum("mk,mk->m", np.cross(z[:, i], g), np.cross(z[:, m], parts[:, m:].sum(axis=1)))
+        return np.where(turns & (links < i), -np.cross(z, z[:, i : i + 1]) @ g * weights[i], 0.0)
+    # As far as joint i all of it turns, as if gravity turned the other way.
+    whole = np.cross(parts.sum(axis=1), z[:, i])
+    beyond = np.cross(z, np.cumsum(parts[:, ::-1], axis=1)[:, ::-1])
+    inner, outer = levers @ whole[:, :, None], np.where(turns[:, None], beyond, z * weights[:, None])
+    turned = np.where(turns, -inner[:, :, 0], 0.0)
+    return np.where(links <= i, turned, (outer @ levers[:, i, :, None])[:, :, 0])

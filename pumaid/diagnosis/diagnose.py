@@ -68,7 +68,7 @@ def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats)
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     alone = tuple(
         Size(parameter.name, float(value), float(error), parameter.unit)
-        for parameter, value, error in zip(term.effect.parameters(robot, term.number), values, errors, strict=True)
+        for parameter, value, error in zip(term.parameters(robot), values, errors, strict=True)
     )
     if len(alone) != 2 or alone[0].unit != alone[1].unit:
         return alone

@@ -87,10 +87,11 @@ TRACES = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One linear parameter: name as in ``effect.jN.name``, unit (``{unit}`` stands for rad or m), meaning, an example.
+    """One linear parameter: name as in ``effect.jN.name``, unit, meaning, an example.
 
-    `symbol` is the paper's short name with ``{n}`` for the joint's number; `low` and `high` bound what is physical, and
-    `sign` is the one that it has if it is this physics: +1, -1, or 0 where either is possible.
+    ``{unit}`` stands for rad or m, of the owner's position or that of the joint that a shape `on` names. `symbol` is
+    the paper's short name with ``{n}`` for the joint's number; `low` and `high` bound what is physical, and `sign` is
+    the one that it has if it is this physics: +1, -1, or 0 where either is possible.
     """
 
     name: str

@@ -27,7 +27,7 @@ class Coupling(Effect):
     linear = (
         Parameter("c", "1", "current of the other joint per load of this one", "c{n}", 0.1, -20.0, 20.0),
         Parameter("friction", "1", "the same per friction of this one", "f{n}", 0.1, -20.0, 20.0),
-        Parameter("drag", "A s/rad", "current of this joint per speed of the other", "d{n}", 0.02),
+        Parameter("drag", "A s/{unit}", "current per speed of that other joint", "d{n}", 0.02),
     )
     only_loaded = True
 

@@ -39,8 +39,9 @@ ASTRAY = 10.0
 #: An eigenvalue of I - H below this belongs to a direction that a run fits alone, but for what a prior says: its
 #: residual tells nothing, and its variance is taken from the working model.
 FITTED_ALONE = 1e-3
-#: Steps in which loads settle at most, and the whitened square by which the last may still move what is drawn.
-LOAD_STEPS, LOADS_STILL = 6, 1e-4
+#: Steps in which loads settle at most, and the whitened square (a twentieth of a standard error) by which the last may
+#: still move what is drawn.
+LOAD_STEPS, LOADS_STILL = 30, 0.05**2
 #: A variance that rests on fewer degrees of freedom than this is taken from the working model of the noise instead.
 FEWEST_FREEDOMS = 3.0
 
@@ -254,54 +255,72 @@ def with_errors(fitted: Fit) -> Fit:
     ratio is not known well, the mass is not, either.
     """
     fitted, weights = _with_settled_loads(fitted), priors(fitted.model, fitted.limit, is_tight=False)
-    return _linearised(replace(fitted, prior=np.append(weights, fitted.prior[len(weights) :])))
+    return _linearised(replace(fitted, prior=np.append(weights, fitted.prior[len(weights) :])), _through_loads(fitted))
 
 
 def _with_settled_loads(fitted: Fit) -> Fit:
     """By Gauss and Newton's steps in which effects of the load move with what makes it, until nothing drawn moves.
 
-    A fit of effects with loads as they were takes what only rescales the load for a direction of its own.
+    A fit of effects with loads as they were takes what only rescales the load for a direction of its own. A step that
+    does not lower the sum of squares, loads renewed, is halved. The derivative through loads takes most of the time: it
+    is renewed while a step is beyond what noise moves.
     """
+    if not fitted.model.needs_loads():
+        return fitted
     p = len(fitted.values)
     centre = np.repeat([0.0, USUAL_RATIO], [p, len(fitted.prior) - p])
-    for _ in range(LOAD_STEPS if fitted.model.needs_loads() else 0):
-        theta = np.append(fitted.values, fitted.gains.ratios)
-        solution = _linearised(fitted, fitted.prior * (centre - theta)).solution
-        moved = theta + solution.linear.values
-        gains = fitted.gains.with_ratios(moved[p:])
-        fitted = replace(fitted, solution=replace(solution, values=moved[:p], gains=gains))
-        if np.sum((solution.jacobian @ (moved - theta)) ** 2) < LOADS_STILL:
+
+    def moved(theta: Floats) -> tuple[Fit, Floats, float]:  # with what priors ask, and the sum of squares
+        solution = replace(fitted.solution, values=theta[:p], gains=fitted.gains.with_ratios(theta[p:]))
+        out, off = replace(fitted, solution=solution), fitted.prior * (centre - theta)
+        parts = [fitted.noises[row.joint].whiten(row.bins, out.misfit(row.bins)) for row in fitted.rows]
+        return out, off, float(off @ off + sum(part @ part for part in parts))
+
+    theta, through, promised = np.append(fitted.values, fitted.gains.ratios), dict[int, Floats](), np.inf
+    now, off, cost = moved(theta)
+    for _ in range(LOAD_STEPS):
+        through = _through_loads(now) if promised > 1.0 else through
+        solution = _linearised(now, through, off).solution
+        step, J = solution.linear.values, solution.jacobian
+        promised, tried = float(np.sum((J @ step) ** 2)), moved(theta + step)
+        while tried[2] >= cost and np.sum((J @ step) ** 2) > LOADS_STILL:
+            step = step / 2.0
+            tried = moved(theta + step)
+        if tried[2] < cost:
+            theta, (now, off, cost) = theta + step, tried
+        if np.sum((J @ step) ** 2) < LOADS_STILL:
             break
-    return fitted
+    return now
 
 
-def _linearised(fitted: Fit, off: Floats | None = None) -> Fit:
+def _linearised(fitted: Fit, through: Mapping[int, Floats], off: Floats | None = None) -> Fit:
     """With the least squares about its parameters, loads moving with them; `off` (P,) is what priors ask of them."""
     rows = tuple(
-        Row.of(
-            row.bins,
-            design_of(fitted.model, row.bins, fitted),
-            row.inner,
-            moved=_moved_through_loads(fitted, row.bins),
-            slow=row.slow,
-        )
-        if any(term.effect.needs_loads and term.touches(row.joint) for term in fitted.model.effects)
+        Row.of(row.bins, design_of(fitted.model, row.bins, fitted), row.inner, moved=through[row.joint], slow=row.slow)
+        if row.joint in through
         else row
         for row in fitted.rows
     )
     system = system_of(rows, fitted.noises, fitted.system.owners)
-    through = [
+    more = [
         np.zeros((row.target.size, len(fitted.prior)))
         if row.moved is None
         else row.whitened(fitted.noises[row.joint], row.moved)
         for row in rows
     ]
-    jacobian = system.jacobian(fitted.gains, fitted.values) + np.vstack(through)
+    jacobian = system.jacobian(fitted.gains, fitted.values) + np.vstack(more)
     residual, asked = system.left(fitted.values, fitted.gains), np.zeros(len(fitted.prior)) if off is None else off
     equations, target = np.vstack([jacobian, np.diag(fitted.prior)]), np.append(residual, asked)
     linear = least_squares(equations, target, limit=reach_of(fitted.limit, fitted.prior))
     solution = replace(fitted.solution, linear=linear, jacobian=jacobian, residual=residual)
     return replace(fitted, rows=rows, system=system, solution=solution)
+
+
+def _through_loads(fitted: Fit) -> dict[int, Floats]:
+    """Joint -> (N, P) derivative of what effects of the load draw there, by what the load is made of."""
+    needs = [term for term in fitted.model.effects if term.effect.needs_loads]
+    rows = [row for row in fitted.rows if any(term.touches(row.joint) for term in needs)]
+    return {row.joint: _moved_through_loads(fitted, row.bins) for row in rows}
 
 
 def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
@@ -310,7 +329,10 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
     theta = np.append(fitted.values, fitted.gains.ratios)
     least = np.append(fitted.limit, np.ones(len(theta) - p))
     terms = [(place, t) for place, t in enumerate(model.effects) if t.effect.needs_loads and t.touches(bins.joint)]
-    makes = [c.place is None and (c.scope is Scope.LINK or c.owner == bins.joint) for c in model.columns]
+    makers = {bins.joint, *(term.number for _, term in terms)}
+    makes = [c.place is None and (c.scope is Scope.LINK or c.owner in makers) for c in model.columns]
+    kinds = np.array([c.effect for c in model.columns] + ["ratio"] * (len(theta) - p))
+    kinds[:p][~np.array(makes)] = ""
 
     def drawn(theta: Floats) -> Floats:
         solution = replace(fitted.solution, values=theta[:p], gains=fitted.gains.with_ratios(theta[p:]))
@@ -318,9 +340,12 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
         return np.sum([term.linear(model.robot, samples) @ fitted.sizes(place) for place, term in terms], axis=0)
 
     out, start = np.zeros((len(bins), len(theta))), drawn(theta)
-    for n in [*np.flatnonzero(makes), *range(p, len(theta))]:
-        step = STEP * max(abs(theta[n]), STEP * least[n])
-        out[:, n] = (drawn(theta + step * np.eye(len(theta))[n]) - start) / step
+    steps = STEP * np.maximum(np.abs(theta), STEP * least)
+    for kind in set(kinds) - {""}:
+        # Most kinds change nothing in most joints, which a step of all of a kind shows.
+        acts = np.any(drawn(theta + steps * (kinds == kind)) != start)
+        for n in np.flatnonzero(kinds == kind) if acts else ():
+            out[:, n] = (drawn(theta + steps * (np.arange(len(theta)) == n)) - start) / steps[n]
     return out
 
 

@@ -10,15 +10,16 @@ from menus import arm
 from worlds import GEARS, wrist
 
 import pumaid
-from pumaid.dataset import Dataset
+from pumaid.dataset import Dataset, first_motions
 from pumaid.design.information import gravity_names, predicted_errors
 from pumaid.design.plan import plan
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
-from pumaid.model import minimal
+from pumaid.estimation.nonlinear import fit_effects
+from pumaid.model import Model, minimal
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.preprocessing.segment import segment
-from pumaid.simulation import Bench, draw, simulate, table1
+from pumaid.simulation import Bench, Truth, draw, simulate, table1
 from pumaid.trajectory import Plan
 
 WRIST = wrist()
@@ -97,12 +98,34 @@ def test_on_parallel_axes_the_ratio_is_off_as_the_note_says():
 pytestmark = pytest.mark.slow
 
 
-def test_friction_follows_the_shaft_at_work():
-    """Gears near 1:1, all joints moving: friction of motor 6, which a third of the time turns against its joint."""
+@cache
+def at_work() -> tuple[Truth, Dataset]:
+    """A wrist with gears near 1:1, and a minute of all its joints moving."""
     robot = wrist({(6, 5): 0.9 * GEARS[5] / GEARS[4]})
     truth, rng = draw(robot, 9312), np.random.default_rng(9312)
     log = recorded(truth, waves(rng, 60.0, reach(robot)), rng, counts=2e4)
-    estimate, known = pumaid.identify(pumaid.segment([log], robot), robot), truth.parameters()
+    return truth, pumaid.segment([log], robot)
+
+
+def test_errors_know_whose_friction_is_passed_on():
+    """The fit's derivative by friction of joint 6 in motor 5 is by how much its prediction moves with it."""
+    truth, dataset = at_work()
+    base, choices = Model.of_runs(truth.robot, dataset.runs), (pumaid.EffectChoice("coupling", 6, {"on": 5.0}),)
+    fitted = fit_effects(base, dataset.runs, choices, begun=first_motions(dataset.runs)).fit
+    place, n = [row.joint for row in fitted.rows].index(5), fitted.model.names.index("coulomb.j6.plus")
+    parts = np.split(fitted.solution.jacobian, np.cumsum([row.target.size for row in fitted.rows])[:-1])
+    step, bins = 1e-3 * (np.arange(len(fitted.values)) == n), fitted.rows[place].bins
+    moved = replace(fitted, solution=replace(fitted.solution, values=fitted.values + step))
+    change = fitted.noises[5].whiten(bins, moved.misfit(bins) - fitted.misfit(bins)) / 1e-3
+    assert np.linalg.norm(change) > 1.0
+    # Through loads a bin counts at its middle.
+    assert np.linalg.norm(parts[place][:, n]) == pytest.approx(np.linalg.norm(change), rel=0.02)
+
+
+def test_friction_follows_the_shaft_at_work():
+    """All joints moving: friction of motor 6, which a third of the time turns against its joint."""
+    truth, dataset = at_work()
+    estimate, known = pumaid.identify(dataset, truth.robot), truth.parameters()
     # What motor 5 carries of joint 6's load is left; where friction follows the joint, some twenty times the noise.
     assert estimate.joints[5].rmse < 5.0 * truth.noise.sample_std[5]
     for name in ("coulomb.j6.plus", "coulomb.j6.minus"):

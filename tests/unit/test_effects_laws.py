@@ -11,6 +11,7 @@ import pytest
 from engines import held_by_mujoco
 from worlds import CRANE, PENDULUM, STANFORD
 
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Extent, Loads, Samples, Trace, catalogue
 from pumaid.joint_bins import JointBins
 from pumaid.model import Model, loads, loads_at
@@ -483,6 +484,14 @@ def test_coupling_passes_friction_on_and_drags_the_shaft():
         found = columns("coupling", world, samples, number=6, shape={"on": on})
         wanted = friction.currents(velocity)[:, 5] * (joint == on), velocity[:, on - 1] * (joint == 6)
         assert np.allclose(found[:, 1:], np.column_stack(wanted), atol=EXACT)
+
+
+def test_drag_counts_the_speed_of_the_joint_that_drags():
+    """In A s/m where that joint slides, whatever the other does."""
+    effect = catalogue()["coupling"]
+    for joint, on, unit in ((4, 3, "A s/m"), (4, 2, "A s/rad"), (3, 2, "A s/rad")):
+        *_, drag = EffectTerm(effect, joint, {"on": float(on)}).parts(STANFORD, 0)
+        assert (drag.name, drag.unit) == (f"coupling.j{joint}.drag", unit)
 
 
 def test_unknown_ratio_hides_another_joints_load_and_its_gain():
