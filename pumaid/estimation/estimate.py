@@ -31,7 +31,7 @@ from pumaid.robot import EffectChoice, Robot
 from pumaid.units import number
 
 #: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
-FAR = 2.0
+FAR, FAR_IN_BLOCKS = 2.0, 1.5
 #: Share of a joint's current (RMS) that a misfit must be besides.
 SEEN = 1e-3
 #: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs,
@@ -43,6 +43,8 @@ ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
 #: Multiple of the usual variance of a bin beyond which their mean is one of outliers (normal noise has 2.2 at most);
 #: bins from which a run's own outliers are found.
 SPIKY, ENOUGH = 15.0, 24
+#: s between cells of which third differences tell a block's noise: longer than drives and sensors remember.
+APART = 0.1
 #: Replicates of a joint that show a change, and the p-value below which it is one.
 FEWEST_REPEATS, CHANCE = 6, 1e-5
 #: Share of the noise floor that a change must be to matter; no change below a share of the current does, either.
@@ -302,10 +304,11 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
     for system in fitted.rows:
         row, joint = fitted.by_bin[system.joint], next(fit for fit in joints if fit.joint == system.joint)
         misses, floor = joint.rmse or 0.0, joint.noise_floor or 0.0
-        squares, samples = _inside(row.bins)
+        squares, samples = _inside(row)
         inside = float(np.sqrt(np.average(squares, weights=samples)))
         noise = inside if joint.noise_floor is None else min(inside, floor)
-        if misses <= max(FAR * noise, SEEN * math.sqrt(row.bins.mean_square)):
+        far = FAR_IN_BLOCKS if row.bins.is_block.any() else FAR
+        if misses <= max(far * noise, SEEN * math.sqrt(row.bins.mean_square)):
             continue
         name, evidence = _outlier_file(row, system.design)
         kind = "logs-disagree" if name else "model-misses"
@@ -368,7 +371,7 @@ def of_runs(fitted: Fit) -> Iterator[Note]:
         if len(steady) < FEWEST:
             continue
         size, usual = math.sqrt(bins.mean_square), float(np.median(rms[steady]))
-        noise = float(np.median(np.sqrt(_inside(bins)[0][steady])))
+        noise = float(np.median(np.sqrt(_inside(row)[0][steady])))
         is_met = usual > 0.0 and float(np.median(np.hypot(rms, level)[steady])) <= FAR * noise
         # Beyond a size and beyond what the others' scatter lets any run be by chance; the standard deviation of normal
         # values is 1.4826 times the median of their deviations.
@@ -399,15 +402,21 @@ def _beside_harmonics(bins: JointBins) -> tuple[Floats, Counts]:
     return bins.current - drawn, terms
 
 
-def _inside(bins: JointBins) -> tuple[Floats, Floats]:
-    """(R,) A2 of a sample that each run's own first harmonic leaves, in a block that straight lines in cells leave, and
-    (R,) its samples.
+def _inside(row: FitRow) -> tuple[Floats, Floats]:
+    """(R,) A2 of a sample that each run's own first harmonic leaves, in a block what the fit leaves that comes and goes
+    within some tenths of a second, and (R,) its samples.
     """
+    bins = row.bins
     residual, terms = _beside_harmonics(bins)
     inside = bins.inside_left(bins.current - residual)
     samples = bins.sums(bins.count)
     squares = bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0)
-    return np.where(bins.is_block, bins.sums(bins.count * bins.inside) / samples, squares), samples
+    for n in np.flatnonzero(bins.is_block):
+        cells = slice(bins.first[n], bins.first[n] + bins.lengths[n])
+        apart = max(min(round(APART / bins.step[n]), bins.lengths[n] // 4), 1)
+        third = np.convolve(row.misfit[cells], np.kron([1.0, -3.0, 3.0, -1.0], np.eye(1, apart)[0]), "valid")
+        squares[n] = np.average(bins.inside[cells], weights=bins.count[cells]) + np.mean(third**2) / 20.0
+    return squares, samples
 
 
 def _spikes(bins: JointBins) -> list[float]:

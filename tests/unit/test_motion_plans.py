@@ -145,9 +145,10 @@ def test_faults_of_a_trajectory_are_told():
 
 
 def test_an_earlier_model_is_planned_for():
-    """Inertia that it knows is taken for the arm's; its noise sets the errors."""
+    """Inertia that it knows is taken for the arm's; its noise sets the errors. Nothing is said to be missing."""
     truth = draw(PENDULUM, 8)
     found = identify(segment(simulate(PENDULUM, planned(), seed=1, truth=truth), PENDULUM), PENDULUM)
+    assert "model-misses" not in {note.slug for note in found.notes}
     mine = check_motion(PENDULUM, planned(), prior=found)
     std = {value.name: value.std_error for value in found.values if value.std_error}
     ratios = [mine.expected[name] / error for name, error in std.items() if name in mine.expected]
