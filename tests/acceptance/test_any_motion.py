@@ -34,12 +34,11 @@ def model(name: str, way: str, seed: int) -> Estimate:
     return identify(dataset, truth.robot)
 
 
-@pytest.mark.parametrize(("name", "way"), [("puma560", "waves"), ("ur5e", "picks"), ("stanford", "waves")])
-def test_intervals_hold_the_truth_of_arms_at_work(name, way):
+def test_intervals_hold_the_truth_of_arms_at_work():
     """95 % intervals of friction and ratios hold, errors are of the noise."""
     holds, scores = [], []
-    for seed in (31, 32):
-        truth, estimate = worked(name, way, seed)[0], model(name, way, seed)
+    for name, way in (("puma560", "waves"), ("ur5e", "picks"), ("stanford", "waves")):
+        truth, estimate = worked(name, way, 31)[0], model(name, way, 31)
         exact = true_values(truth)
         for value in estimate.values:
             if value.name in exact and value.std_error is not None:
@@ -47,8 +46,8 @@ def test_intervals_hold_the_truth_of_arms_at_work(name, way):
                 scores.append((value.value - exact[value.name]) / value.std_error)
         for fit, noise in zip(estimate.joints, truth.noise.sample_std, strict=True):
             assert 0.6 * noise < fit.rmse < 2.0 * noise
-    # 55 to 58 intervals, of which 95 % hold: fewer than 85 % are a chance of one in a thousand.
-    assert len(holds) >= 50 and np.mean(holds) >= 0.85
+    # Some 85 intervals, of which 95 % hold: fewer than 86 % are a chance of one in a thousand.
+    assert len(holds) >= 75 and np.mean(holds) >= 0.86
     assert np.std(scores) < 1.5
 
 
@@ -73,11 +72,10 @@ def test_a_clock_or_a_zero_that_is_off_is_told():
         assert {note.slug for note in notes} == {"model-misses"}
 
 
-@pytest.mark.parametrize(("name", "true"), [("puma560", 0.4318), ("ur5e", -0.425)])
-def test_a_length_that_motion_contradicts_is_told_with_what_fits(name, true):
+def test_a_length_that_motion_contradicts_is_told_with_what_fits():
     """The upper arm 3 cm too long in the recipe, beside an independent engine; of the right recipe nothing is said."""
-    truth, log = worked(name, "waves", 31)
-    assert "length-wrong" not in {note.slug for note in model(name, "waves", 31).notes}
+    (truth, log), true = worked("puma560", "waves", 31), 0.4318
+    assert "length-wrong" not in {note.slug for note in model("puma560", "waves", 31).notes}
     arm = replace(truth.robot.joint(3), a=true + 0.03)
     wrong = replace(truth.robot, joints=tuple(arm if joint.number == 3 else joint for joint in truth.robot.joints))
     note = next(note for note in identify(segment([log], wrong), wrong).notes if note.slug == "length-wrong")
@@ -97,9 +95,7 @@ def test_currents_without_friction_are_told(name):
     assert identify(segment([log], robot), robot).notes[0].slug == "friction-none"
 
 
-@pytest.mark.parametrize(
-    ("seed", "moving", "is_shown"), [(76, (4, 5), False), (71, (4, 5), False), (72, (3, 4, 5), True)]
-)
+@pytest.mark.parametrize(("seed", "moving", "is_shown"), [(76, (4, 5), False), (72, (3, 4, 5), True)])
 def test_a_ratio_is_told_only_where_the_likelihood_bounds_it(seed, moving, is_shown):
     """Of a wrist that moves alone a linearised fit knew eta4/eta5 as -0.09 ± 0.12; it is 1.27, and any fits as well."""
     robot, rng = read_recipe(shipped_recipes()["puma560"]), np.random.default_rng(seed)
