@@ -204,12 +204,13 @@ class RigidArm:
         self._look()
 
     def _look(self) -> None:
-        """Friction and loads where the arm is now; friction knows the weight of a step before."""
+        """Friction and loads where the arm is now; friction knows what gears passed on in the step before."""
         v, state = self.shaft_velocity, self.state
         rests = np.abs(v) < STILL
         dry = self._coulomb * self._grip(v)
         if self._acting:
-            state.position, state.velocity, state.load = self.reading, np.where(rests, 0.0, v), self.load
+            state.position, state.velocity = self.reading, np.where(rests, 0.0, v)
+            state.load = self.load + self._inertial_load()
             self._departure[rests] = state.position[rests]
             state.travel = np.abs(state.position - self._departure)
             state.friction = self.truth.friction.currents(state.velocity)
@@ -222,6 +223,12 @@ class RigidArm:
         if self._acting:
             self.state.load = self.load
             self._extra = self._hidden(Kind.LOAD)
+
+    def _inertial_load(self) -> Floats:
+        """(J,) A that the links' accelerations in the last step took of the motors, beside the motors' own inertia."""
+        taken = np.zeros(self.model.nv)
+        _engine().mj_mulM(self.model, self.data, taken, self.data.qacc)
+        return np.asarray(self._gain * ((taken - self.model.dof_armature * self.data.qacc) @ self._shares))
 
     def _hidden(self, kind: Kind) -> Floats:
         """(J,) A of hidden friction (its size) or of hidden loads."""
