@@ -260,10 +260,9 @@ def notes_on(
     """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
     fitted, effects = result.fit, result.fit.model.effects
     frictionless, missed = list(of_friction(fitted, estimate.values)), list(of_misfit(fitted, estimate.joints))
-    yield from frictionless
-    yield from (
-        missed or frictionless or of_lengths(fitted)
-    )  # what makes a model miss, as a zero or a clock, looks like lengths, too
+    yield from (*frictionless, *missed)
+    if not frictionless and not missed:  # what makes a model miss, as a zero or a clock, looks like lengths, too
+        yield from of_lengths(fitted)
     yield from of_runs(fitted)
     yield from of_drift(estimate.joints, repeated)
     for joint in sorted(fitted.weak):
@@ -283,9 +282,12 @@ def notes_on(
 
 
 def of_friction(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
-    """Joints whose current hardly turns round with the direction, where these are more than half of those that move."""
+    """Joints whose current hardly turns round with the direction, where these are more than half of those that move.
+
+    Beside another effect Coulomb friction is a part of friction only.
+    """
     certain, none = {value.name: value for value in values if value.std_error}, list[int]()
-    for row in fitted.joints:
+    for row in (row for row in fitted.joints if not any(t.touches(row.bins.joint) for t in fitted.model.effects)):
         ways = [certain.get(f"coulomb.j{row.bins.joint}.{way}") for way in ("plus", "minus")]
         (plus, error), (minus, other) = (
             (way.value or 0.0, way.std_error or 0.0) if way else (0.0, 0.0) for way in ways

@@ -92,7 +92,8 @@ def test_currents_without_friction_are_told(name):
     truth, q = draw(robot, 5), waves(rng, 60.0, reach(robot))[::TICKS]
     current = truth.gain * gravity_load(robot, truth.links, q)[0] + 0.02 * rng.normal(size=q.shape)
     log = Log("hand.csv", np.arange(len(q)) + 2, np.arange(len(q)) / RATE, q, None, current)
-    assert identify(segment([log], robot), robot).notes[0].slug == "friction-none"
+    slugs = [note.slug for note in identify(segment([log], robot), robot).notes]
+    assert slugs[0] == "friction-none" and slugs.count("friction-none") == 1
 
 
 @pytest.mark.parametrize(("seed", "moving", "is_shown"), [(76, (4, 5), False), (72, (3, 4, 5), True)])
