@@ -50,7 +50,9 @@ class Log:
         return len(self.time)
 
     def part(self, index: slice | Counts) -> Self:
-        """Some of the samples, by their numbers."""
+        """Some of the samples, by their numbers; a view where these are consecutive and rise."""
+        if isinstance(index, np.ndarray) and len(index) and (np.diff(index) == 1).all():
+            index = slice(int(index[0]), int(index[-1]) + 1)
         return replace(self, starts_clock=False, **{name: values[index] for name, values in arrays_of(self).items()})
 
     @classmethod
@@ -291,6 +293,8 @@ def spans(time: Floats, size: int) -> tuple[Counts, Counts]:
 def finite_means(values: Floats, starts: Counts, count: Counts | None = None) -> Floats:
     """(M,) or (M, E) means of the numbers from each start on, weighted by `count`; NaN where there are none."""
     good = np.isfinite(values)
+    if count is None and good.all():
+        return np.asarray((np.add.reduceat(values, starts, axis=0).T / np.diff(starts, append=len(values))).T)
     weights = np.ones(len(values), np.int64) if count is None else count
     weight = good * (weights if values.ndim == 1 else weights[:, None])
     total = np.add.reduceat(weight, starts, axis=0)

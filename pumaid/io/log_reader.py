@@ -267,8 +267,11 @@ class Cleaner:
         for quantity, places in self.columns.places.items():
             if len(places) or quantity == "current":
                 # Column after column, NaN where one is absent.
-                values = np.full((len(places) if quantity == "extra" else self.robot.n_joints, len(rows)), np.nan)
-                values[places[:, 0]] = table[places[:, 1]]
+                values = np.full((self.robot.n_joints, len(rows)), np.nan)
+                if len(places) < self.robot.n_joints and quantity != "extra":
+                    values[places[:, 0]] = table[places[:, 1]]
+                else:
+                    values = table[places[0, 1] : places[-1, 1] + 1]
                 quantities[quantity] = values.T
         return Log(self.name, rows, table[0], **quantities)
 

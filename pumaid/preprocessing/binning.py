@@ -145,7 +145,8 @@ def record(
     `body` says what each joint feels in blocks.
     """
     log = stretch.log.part(slice(piece.start, piece.stop))
-    log = replace(log, current=np.where(np.abs(log.current) < LARGEST, log.current, np.nan))
+    if piece.is_run:
+        log = replace(log, current=np.where(np.abs(log.current) < LARGEST, log.current, np.nan))
     runs, n_lost = [], len(log)
     if piece.label == BLOCK:
         runs = block_runs(log, stretch.time[piece.start : piece.stop], body, length=options.cell)
@@ -212,7 +213,7 @@ def _run_alone(
         speed = float(t @ (position - position.mean())) / max(float(t @ t), 1e-300)
         turns = abs(float(position[-1] - position[0])) / math.tau if robot.joint(joint).is_revolute else 0.0
         size = math.ceil(options.max_bins * min(max(turns, MANY_TURNS), MOST_TURNS) / MANY_TURNS)
-        bins = _constant_bins(stretch, piece, log, measured=measured, size=size)
+        bins = _constant_bins(stretch, piece, part, size=size)
     if bins is None:
         return []
     span = (float(position[0]), float(position[-1]))
@@ -221,17 +222,16 @@ def _run_alone(
     ]
 
 
-def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, measured: Counts, size: int) -> Bins:
-    """At most `size` bins of the `measured` samples of a run; velocity is that of ticks inside the run only."""
+def _constant_bins(stretch: Stretch, piece: Piece, log: Log, *, size: int) -> Bins:
+    """At most `size` bins of a run's samples with a current; velocity is that of ticks inside the run only."""
     assert stretch.ticks is not None
     ticks, joint = stretch.ticks, piece.joints[0] - 1
     low = int(np.searchsorted(ticks.edges, piece.start))
     high = int(np.searchsorted(ticks.edges, piece.stop, side="right")) - 1
-    velocity = np.full(len(measured), piece.figure)
+    velocity = np.full(len(log), piece.figure)
     if high - low >= 3:
         inside = ticks.time[low:high]
-        velocity = np.interp(log.time[measured], inside, slopes(inside, ticks.position[low:high, joint], HALF))
-    log = log.part(measured)
+        velocity = np.interp(log.time, inside, slopes(inside, ticks.position[low:high, joint], HALF))
     starts, count = spans(log.time, size)
     current = finite_means(log.current[:, joint], starts)
     return Bins(

@@ -110,10 +110,11 @@ class LogStatistics:
         self.groups: defaultdict[int, dict[tuple[int, ...], Floats]] = defaultdict(dict)
         self._rest: Log | None = None
 
-    def _add(self, **parts: Floats) -> None:
+    def _add(self, joint: int | slice = slice(None), /, **parts: Any) -> None:
+        """Add totals of one joint (from 0), or of all."""
         for name, values in parts.items():
-            merge = EXTREMES[name][0] if name in EXTREMES else np.add
-            self.totals[name] = merge(self.totals[name], values)
+            merge, total = EXTREMES[name][0] if name in EXTREMES else np.add, self.totals[name]
+            total[joint] = merge(total[joint], values)
 
     def take(self, log: Log) -> None:
         """Add a batch; windows that are whole are summed, the rest waits for the next of its clock."""
@@ -161,34 +162,36 @@ class LogStatistics:
             both = np.hstack([change, finite_means(log.velocity, starts) * seconds])
             both = both[usable[:, 0] & measured.all(axis=1)]
             self._add(products=both.T @ both)
-        follows = np.ones((len(log), 1), np.bool_)  # another sample of its window
-        follows[starts] = False
-        step = np.abs(np.diff(log.position, axis=0, prepend=log.position[:1]))
-        often = moves & (_counts(follows & (step == 0.0), starts) >= OFTEN * counts[:, None])
-        if often.any():
-            chosen = follows & (step > 0.0) & np.repeat(often, counts, axis=0)
-            least, total = np.where(chosen, step, np.inf).min(axis=0), np.where(chosen, step, 0.0).sum(axis=0)
-            self._add(held=often.sum(axis=0), step_count=chosen.sum(axis=0), step_sum=total, least_step=least)
-        if moves.any():
-            sampled = np.repeat(moves, counts, axis=0) & np.isfinite(log.current)
-            self._add_currents(log.current, sampled, follows, starts)
+        joints = np.flatnonzero(moves.any(axis=0)).tolist()
+        for j in joints:
+            self._add_steps(j, log.position[:, j], moves[:, j], starts)
+            self._add_currents(j, log.current[:, j], moves[:, j], starts)
+        if joints:
             self._add_directions(speed, moves, middle, finite_means(log.current, starts))
 
-    def _add_currents(self, current: Floats, moving: Flags, follows: Flags, starts: Counts) -> None:
-        """Add extremes, repeats and zeros of (N, J) currents where they are measured while `moving`."""
-        both = follows[1:] & moving[1:] & moving[:-1]
-        same = both & (current[1:] == current[:-1])
-        self._add(moving=moving.sum(axis=0), pairs=both.sum(axis=0), same=same.sum(axis=0))
+    def _add_steps(self, j: int, position: Floats, moves: Flags, starts: Counts) -> None:
+        """Add the steps of a joint's (N,) positions in those of (W,) windows in which it `moves` and they repeat."""
+        step, counts = np.abs(np.diff(position, prepend=position[0])), np.diff(starts, append=len(position))
+        step[starts] = np.nan  # from another window
+        often = moves & (_counts(step == 0.0, starts) >= OFTEN * counts)
+        steps = step[(step > 0.0) & np.repeat(often, counts)]
+        least = steps.min(initial=math.inf)
+        self._add(j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=least)
+
+    def _add_currents(self, j: int, current: Floats, moves: Flags, starts: Counts) -> None:
+        """Add extremes, repeats and zeros of a joint's (N,) currents where they are measured while it `moves`, (W,)."""
+        moving = np.repeat(moves, np.diff(starts, append=len(current))) & np.isfinite(current)
+        both = moving[1:] & moving[:-1]
+        both[starts[1:] - 1] = False  # of two windows
+        same, values = both & (current[1:] == current[:-1]), current[moving]
+        self._add(j, moving=len(values), pairs=np.count_nonzero(both), same=np.count_nonzero(same))
         low = np.minimum.reduceat(np.where(moving, current, np.inf), starts)
         high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
         counts, zeros = _counts(moving, starts), _counts(moving & (current == 0.0), starts)
         flat, zeros = (low == high) & (counts >= FLAT), np.where(zeros < counts, zeros, 0)
-        self._add(least_current=low.min(axis=0), most_current=high.max(axis=0))
-        self._add(flat=flat.sum(axis=0), zeros=zeros.sum(axis=0))
-        for j in np.flatnonzero(moving.any(axis=0)).tolist():
-            values = current[moving[:, j], j]
-            sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
-            self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]
+        self._add(j, least_current=low.min(), most_current=high.max(), flat=flat.sum(), zeros=zeros.sum())
+        sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
+        self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]
 
     def _add_directions(self, speed: Floats, moves: Flags, middle: Floats, mean: Floats) -> None:
         """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
@@ -214,7 +217,7 @@ class LogStatistics:
 
 
 def _counts(flags: Flags, starts: Counts) -> Counts:
-    """(W, J) of true (N, J) flags from each start on."""
+    """(W,) or (W, J) of true (N,) or (N, J) flags from each start on."""
     return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
 
 
