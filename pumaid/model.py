@@ -216,7 +216,8 @@ class Model:
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
         """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
-        return np.hstack([self._base_at_nodes(bins), self.beyond(replace(bins.nodes[0], loads=gravity))])
+        base = self._base_at_nodes(bins)
+        return np.hstack([base, self.beyond(replace(bins.nodes[0], loads=gravity))]) if self.effects else base
 
     def _base_means(self, bins: JointBins) -> Floats:
         """(N, b) means of the paper's model over bins, kept as long as these are."""
@@ -239,7 +240,7 @@ class Model:
         nodes, moves = bins.nodes[0], np.repeat((bins.accelerates & ~bins.is_block)[bins.run], 3)
         turns = self.robot.joint(bins.joint).is_revolute
         out = swept(nodes, 3 * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
-        out += self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,))
+        self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,), out)
         if bins.rigid_body is not None and self.is_dynamic:
             # In blocks of any motion what the rigid body asks was averaged with the current.
             rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
@@ -278,11 +279,13 @@ class Model:
         solution = np.linalg.lstsq(table, torque.ravel(), rcond=1e-9)[0]
         return solution[:-n], solution[-n:]
 
-    def base(self, samples: Samples, scopes: Sequence[Scope] = (Scope.LINK, Scope.JOINT)) -> Floats:
-        """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone; zero of
-        what is not of `scopes`.
+    def base(
+        self, samples: Samples, scopes: Sequence[Scope] = (Scope.LINK, Scope.JOINT), out: Floats | None = None
+    ) -> Floats:
+        """(M, b) of the paper's model, with what the rigid body asks where the moving joint accelerates alone; what is
+        not of `scopes` stays as it is in `out`, or zero.
         """
-        out, columns = np.zeros((len(samples), len(self._base))), enumerate(self._base)
+        out, columns = np.zeros((len(samples), len(self._base))) if out is None else out, enumerate(self._base)
         for (name, owner), group in itertools.groupby(columns, lambda item: (item[1].effect, item[1].owner)):
             effect = catalogue().get(name)
             if (

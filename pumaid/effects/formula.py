@@ -138,9 +138,11 @@ def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *
     position = knots.position.copy()
     position[:, moving] = np.tile(places, len(sizes))
     asked = table(replace(knots, position=position))
-    parts = np.linalg.pinv(_harmonics(places, turns)) @ asked.reshape(len(sizes), PLACES, -1)
+    live, out = asked.any(axis=0), np.zeros((len(samples), asked.shape[1]))
+    parts = np.linalg.pinv(_harmonics(places, turns)) @ asked[:, live].reshape(len(sizes), PLACES, -1)
     basis = np.split(_harmonics(samples.position[:, moving], turns), starts[1:])
-    return np.vstack([at_run @ part for at_run, part in zip(basis, parts, strict=True)])
+    out[:, live] = np.vstack([at_run @ part for at_run, part in zip(basis, parts, strict=True)])
+    return out
 
 
 def _harmonics(q: Floats, turns: bool) -> Floats:

@@ -23,10 +23,9 @@ from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_
 from pumaid.estimation.link_lengths import STEP, length_tests
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
-from pumaid.joint_bins import JointBins, joint_bins
+from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Flags, Floats, inverse_root, least_squares
 from pumaid.model import Model
-from pumaid.preprocessing.replicates import Pair
 from pumaid.robot import EffectChoice, Robot
 from pumaid.units import number
 
@@ -149,8 +148,7 @@ def identify(
         logs={facts.name: facts.digest for facts in dataset.files},
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
-    repeated = {joint: prediction.repeated for joint, prediction in at_joints.items()}
-    return replace(estimate, notes=(*dataset.notes, *notes_on(result, estimate, robot=robot, repeated=repeated)))
+    return replace(estimate, notes=(*dataset.notes, *notes_on(result, estimate, robot=robot, at_joints=at_joints)))
 
 
 def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Coverage, *, recursive: bool) -> Estimate:
@@ -255,16 +253,16 @@ def _note(kind: str, where: Where | None = None, **values: object) -> Note:
 
 
 def notes_on(
-    result: EffectFit, estimate: Estimate, *, robot: Robot, repeated: Mapping[int, Sequence[Pair]]
+    result: EffectFit, estimate: Estimate, *, robot: Robot, at_joints: Mapping[int, JointPrediction]
 ) -> Iterator[Note]:
-    """All notes on a fit and on what was estimated; `repeated` maps a joint to its replicates."""
+    """All notes on a fit and on what was estimated; `at_joints` maps a joint to what is predicted of its runs."""
     fitted, effects = result.fit, result.fit.model.effects
     frictionless, missed = list(of_friction(fitted, estimate.values)), list(of_misfit(fitted, estimate.joints))
     yield from (*frictionless, *missed)
     if not frictionless and not missed:  # what makes a model miss, as a zero or a clock, looks like lengths, too
         yield from of_lengths(fitted)
-    yield from of_runs(fitted)
-    yield from of_drift(estimate.joints, repeated)
+    yield from of_runs(fitted, at_joints)
+    yield from of_drift(estimate.joints, at_joints)
     for joint in sorted(fitted.weak):
         runs = len(fitted.by_bin[joint].bins.runs)
         yield _note("few-runs", Where(joint=joint), runs=f"{runs} run{'s' if runs > 1 else ''}")
@@ -353,7 +351,7 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     return max(suspects, default=(0.0, None, ""))[1:]
 
 
-def of_runs(fitted: Fit) -> Iterator[Note]:
+def of_runs(fitted: Fit, at_joints: Mapping[int, JointPrediction]) -> Iterator[Note]:
     """Notes on single runs that the model misses far more than the others of their joint, and on noise of outliers.
 
     Both pass for noise everywhere else: they make intervals wide, and no other note tells what they move. Where the
@@ -391,7 +389,7 @@ def of_runs(fitted: Fit) -> Iterator[Note]:
             continue
         sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
         if not len(odd):
-            sizes = _spikes(joint_bins(fitted.model.robot, bins.runs, is_settled=False)[0])
+            sizes = _spikes(at_joints[bins.joint])
         if sizes and sizes[1] > SEEN * size:
             yield _note("current-spikes", Where(joint=bins.joint), usual=sizes[0], noise=sizes[1])
 
@@ -421,14 +419,15 @@ def _inside(row: FitRow) -> tuple[Floats, Floats]:
     return squares, samples
 
 
-def _spikes(bins: JointBins) -> list[float]:
-    """Usual and RMS noise (A) of runs where it is mostly outliers, inside bins or from bin to bin; else none.
+def _spikes(prediction: JointPrediction) -> list[float]:
+    """Usual and RMS noise (A) of fitted runs where it is mostly outliers, inside bins or from bin to bin; else none.
 
     Each run is judged by itself, since its speed says how quickly what the model lacks comes and goes.
     """
+    bins = prediction.bins
     residual = np.split(_beside_harmonics(bins)[0], bins.first[1:])
     inside = np.split(bins.inside, bins.first[1:])
-    long = np.flatnonzero(~bins.accelerates & (bins.lengths >= ENOUGH))
+    long = np.flatnonzero(prediction.counted & ~bins.accelerates & (bins.lengths >= ENOUGH))
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
     squares = [np.diff(residual[n], n=3) ** 2 / 20.0 + inside[n][3:] for n in long]
     usual, mean = (np.array([part(values) for values in squares]) for part in (np.median, np.mean))
@@ -438,14 +437,14 @@ def _spikes(bins: JointBins) -> list[float]:
     return [float(np.sqrt(np.median(usual[is_noisy]))), float(np.sqrt(mean[is_noisy].mean()))]
 
 
-def of_drift(joints: Sequence[JointFit], repeated: Mapping[int, Sequence[Pair]]) -> Iterator[Note]:
+def of_drift(joints: Sequence[JointFit], at_joints: Mapping[int, JointPrediction]) -> Iterator[Note]:
     """A note for each joint whose current changed between the first and the last of its repeated runs.
 
     The same whichever way the joint moved, a sensor's zero or a load changed; with the motion, friction; in proportion,
     a gain.
     """
     for fit in joints:
-        last = [pair for pair in repeated.get(fit.joint, ()) if pair.is_last]
+        last = [pair for pair in at_joints[fit.joint].repeated if pair.is_last] if fit.joint in at_joints else []
         ways = np.array([pair.first.direction for pair in last], dtype=float)
         if min(np.count_nonzero(ways > 0), np.count_nonzero(ways < 0)) < FEWEST_REPEATS // 2:
             continue

@@ -170,8 +170,8 @@ class JointPrediction:
 
     `design` (N, p) is A per unit of each parameter, `predicted` and `residual` (N,) A, `inside` (N,) A2 of variance
     inside bins that the prediction leaves; `parts` (N, E) is the prediction by `effects`. Of each run (R,) there are
-    `samples`, and over them the sums of the squared residual (`square`) and current, and (R, E) of the current times
-    each part, A2. `counted` (R,) are behind the joint's figures: those that are not `heldout`, or all where all are.
+    `samples`, and over them the sums of the squared residual (`square`) and current, A2. `counted` (R,) are behind the
+    joint's figures: those that are not `heldout`, or all where all are.
     """
 
     def __init__(self, model: Model, estimate: Estimate, bins: JointBins) -> None:
@@ -199,11 +199,17 @@ class JointPrediction:
         self.samples = bins.sums(count)
         self.square = bins.sums(count * (self.residual**2 + self.inside))
         self.current_square = bins.sums(count * (bins.current**2 + bins.inside))
-        covariance = [0.25 * (bins.variance(drawn + part) - bins.variance(drawn - part)) for part in fine_parts.T]
-        products = bins.current[:, None] * self.parts + np.column_stack(covariance)
-        self.products = bins.sums(count[:, None] * products)
+        self._fine_parts = fine_parts
         self.heldout = np.array([run.heldout for run in bins.runs], dtype=bool)
         self.counted = ~self.heldout | self.heldout.all()
+
+    @cached_property
+    def products(self) -> Floats:
+        """(R, E) A2 sums of the current times each part."""
+        drawn, variance = self._fine_parts.sum(axis=1), self.bins.variance
+        covariance = [0.25 * (variance(drawn + part) - variance(drawn - part)) for part in self._fine_parts.T]
+        products = self.bins.current[:, None] * self.parts + np.column_stack(covariance)
+        return self.bins.sums(self.bins.count[:, None] * products)
 
     @cached_property
     def repeated(self) -> list[Pair]:
