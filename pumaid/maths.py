@@ -324,7 +324,8 @@ class Bilinear:
         # where it does not lead there one of the two is unknown, and counts as zero.
         scales = np.nan_to_num(gains.scales())
         parts = self.regressors @ (values[:, None] * (self.owners[:, None] == np.arange(gains.n_rows)))
-        return np.hstack([self.scaled(gains), scales[:, gains.uppers][self.row] * (parts @ scales[gains.edges].T)])
+        by_edge = scales[:, gains.uppers][self.row] * (parts @ scales[gains.edges].T)
+        return np.vstack([self.scaled(gains).T, by_edge.T]).T  # column after column, as large systems are
 
 
 @dataclass(frozen=True, eq=False, slots=True)

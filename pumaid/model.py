@@ -239,11 +239,14 @@ class Model:
         """(3 N, b) columns of the paper's model at the nodes of bins."""
         nodes, moves = bins.nodes[0], np.repeat((bins.accelerates & ~bins.is_block)[bins.run], 3)
         turns = self.robot.joint(bins.joint).is_revolute
-        out = swept(nodes, 3 * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
-        self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,), out)
+        rows, out = np.zeros(0, np.int64), np.zeros((len(nodes), len(self._base)))
         if bins.rigid_body is not None and self.is_dynamic:
-            # In blocks of any motion what the rigid body asks was averaged with the current.
             rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
+        if len(rows) < len(nodes):
+            out = swept(nodes, 3 * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
+        self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,), out)
+        if bins.rigid_body is not None and len(rows):
+            # In blocks of any motion what the rigid body asks was averaged with the current.
             out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
         for payload in {run.payload for run in bins.runs if self.scaled and run.payload}:
             rows = np.repeat([run.payload == payload for run in bins.runs], 3 * bins.lengths)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pumaid.dataset import Dataset, Run, first_motions
+from pumaid.effects import Scope
 from pumaid.errors import Note
 from pumaid.estimate import Estimate, JointResult
 from pumaid.joint_bins import JointBins, joint_bins
@@ -188,7 +189,7 @@ class JointPrediction:
         weights = (self._factors * estimate.solution)[:, None] * self._is_part
         fine_parts = fine @ weights
         if model.is_dynamic:  # what parameters of weight ask of a joint by inertia is not weight
-            still = model.base(replace(bins.nodes[0], acceleration=np.zeros(3 * len(bins))))
+            still = model.base(bins.nodes[0], (Scope.LINK,))
             weight, inertia = (self.effects.index(name) for name in ("gravity", INERTIA))
             moved = fine_parts[:, weight] - still @ weights[: still.shape[1], weight]
             fine_parts[:, [weight, inertia]] += np.column_stack([-moved, moved])

@@ -52,7 +52,7 @@ class Row:
         """Whitened and reduced; `moved` is (N, P)."""
         p, more = design.shape[1], np.zeros((len(bins), 0)) if moved is None else moved
         parts = [bins.harmonic, more, design, np.ones(len(bins)), bins.current]
-        table = inner.decorrelated(bins, np.column_stack(parts))
+        table = inner.decorrelated(bins, np.vstack([part.T for part in parts]).T)  # column after column
         small, counts, _ = reduced(bins, table[:, :-2], table[:, -2:])
         through = None if moved is None else small[:, :, -2 - p - more.shape[1] : -2 - p]
         return cls(
