@@ -23,6 +23,7 @@ from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_
 from pumaid.estimation.link_lengths import STEP, length_tests
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
+from pumaid.estimation.reversed_joints import reversals
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Flags, Floats, inverse_root, least_squares
 from pumaid.model import Model
@@ -94,6 +95,8 @@ TEXTS = {
     " signs in the DH table, of the position columns and of gravity",
     "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
     " current or position is late or smoothed",
+    "position-reversed": "positions of joint {joint} seem to be counted the other way{beside}: turned round, the error"
+    " left at joint {missed} falls from {before} to {after} A. Check log.signs.position and the signs in the DH table",
     "length-wrong": "the motion contradicts the length {name} of joint {joint}, {length} m in the recipe: {fits}"
     "{beside}. Until it is right, ratios, inertia and friction are off by more than their errors; physics that 'pumaid"
     " diagnose' names may look like it",
@@ -258,7 +261,13 @@ def notes_on(
     """All notes on a fit and on what was estimated; `at_joints` maps a joint to what is predicted of its runs."""
     fitted, effects = result.fit, result.fit.model.effects
     frictionless, missed = list(of_friction(fitted, estimate.values)), list(of_misfit(fitted, estimate.joints))
-    yield from (*frictionless, *missed)
+    # Beside another effect of speed, a viscous term is a part of friction only.
+    of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
+    signs = [] if frictionless else list(of_signs(estimate.values, of_speed))
+    wrong_signs = [note for note in signs if note.slug == "sign-odd"]
+    # A wrong sign is why a model misses.
+    turned = of_reversals(fitted, [note.where.joint or 0 for note in missed])
+    yield from (*frictionless, *turned, *wrong_signs, *missed)
     if not frictionless and not missed:  # what makes a model miss, as a zero or a clock, looks like lengths, too
         yield from of_lengths(fitted)
     yield from of_runs(fitted, at_joints)
@@ -267,9 +276,7 @@ def notes_on(
         runs = len(fitted.by_bin[joint].bins.runs)
         yield _note("few-runs", Where(joint=joint), runs=f"{runs} run{'s' if runs > 1 else ''}")
     yield from of_gears(fitted, robot)
-    # Beside another effect of speed, a viscous term is a part of friction only.
-    of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
-    yield from () if frictionless else of_signs(estimate.values, of_speed)
+    yield from (note for note in signs if note not in wrong_signs)
     yield from of_ratios(estimate.values, robot)
     if not result.is_settled:
         yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
@@ -503,6 +510,18 @@ def of_lengths(fitted: Fit) -> Iterator[Note]:
         fits = f"{number(length + test.more)} ± {number(test.error, 2)} m would fit"
         beside = f" (or another {listed(rivals)})" if rivals else ""
         yield _note("length-wrong", Where(joint=test.joint), name=test.name, length=length, fits=fits, beside=beside)
+
+
+def of_reversals(fitted: Fit, missed: Sequence[int]) -> list[Note]:
+    """The joint whose positions, turned round, explain what the model misses best, and others that do as well."""
+    candidates = reversals(fitted, missed)
+    if not candidates:
+        return []
+    best = candidates[0]
+    rivals = [f"joint {rival.joint}" for rival in candidates[1:] if rival.then < 1.5 * best.then]
+    beside = f" (or those of {listed(rivals)})" if rivals else ""
+    facts = {"missed": best.missed, "before": best.now, "after": best.then}
+    return [_note("position-reversed", Where(joint=best.joint), beside=beside, **facts)]
 
 
 def of_ratios(values: Sequence[Value], robot: Robot) -> Iterator[Note]:

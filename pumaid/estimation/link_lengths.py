@@ -39,7 +39,7 @@ def length_tests(fitted: Fit) -> Iterator[LengthTest]:
         return
     robot, projector = fitted.model.robot, Projector(fitted)
     cells = {row.bins.joint: _tested(row.bins) for row in fitted.joints}
-    motions = {row.bins.joint: _motion(row.bins, cells[row.bins.joint]) for row in fitted.joints}
+    motions = {row.bins.joint: mean_motion(row.bins, cells[row.bins.joint]) for row in fitted.joints}
     start = {joint: _drawn(fitted, robot, joint, motion) for joint, motion in motions.items()}
     _, block = np.unique(
         [f"{run.origin} {run.first_row}" for r in fitted.joints for run in r.bins.runs], return_inverse=True
@@ -67,7 +67,7 @@ def _tested(bins: JointBins) -> Counts:
     return np.flatnonzero(np.isin(bins.run, chosen))
 
 
-def _motion(bins: JointBins, cells: Counts) -> tuple[Floats, Floats, Floats]:
+def mean_motion(bins: JointBins, cells: Counts) -> tuple[Floats, Floats, Floats]:
     """(J, N) positions, velocities and accelerations of all joints at some cells of a joint."""
     samples = bins.samples
     pull = np.array([bins.rises(speed) for speed in samples.velocity.T]) / np.maximum(bins.rises(samples.time), 1e-9)

@@ -84,6 +84,15 @@ def test_a_length_that_motion_contradicts_is_told_with_what_fits():
     assert abs(fits - true) < max(4.0 * error, 0.005) and error < 0.008
 
 
+def test_positions_that_are_counted_the_other_way_are_told_first():
+    """The sign of one column is wrong: the note before all that the model misses says which; a clock is none."""
+    truth, log = worked("puma560", "picks", 31)
+    position = log.position * np.where(np.arange(6) == 2, -1.0, 1.0)
+    notes = identify(segment([replace(log, position=position)], truth.robot), truth.robot).notes
+    assert notes[0].slug == "position-reversed" and notes[0].where.joint == 3
+    assert [note.slug for note in notes].count("position-reversed") == 1
+
+
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_currents_without_friction_are_told(name):
     """Of an arm guided by hand the currents hold the weight alone: the first note says so; of one at work, none."""
