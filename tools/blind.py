@@ -1,11 +1,12 @@
 """Judge the diagnosis blind on virtual arms, and print the tables of what came out.
 
     python tools/blind.py run RESULTS.jsonl [--seeds 1] [--clean 200] [--jobs 2]
+    python tools/blind.py run RESULTS.jsonl --busy 60 --first-seed 1000 [--jobs 2]
     python tools/blind.py report RESULTS.jsonl
 
 A run writes a line an experiment and may be cut at any time: what stands in the file is not run again. Cases come in a
 fixed order that mixes all groups, so that a cut run is a fair sample of the whole. Seeds below 1000 are for
-development, the published table has others.
+development, the published table has others. Busy arms, with zero to five effects at a joint, have a seed each.
 """
 
 import argparse
@@ -20,7 +21,8 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from blind_world.case import Case, cases
+from blind_world.busy_tables import busy_page
+from blind_world.case import BUSY, Case, busy_cases, cases
 from blind_world.score import judged
 from blind_world.tables import page
 
@@ -37,8 +39,9 @@ def record_of(case: Case) -> dict[str, Any]:
 def run(options: argparse.Namespace) -> None:
     """Run what is asked for and not yet in the file."""
     done = {record["key"] for record in read(options.results)} if options.results.is_file() else set()
-    asked = [case for case in cases(options.seeds, options.clean) if case.key not in done]
-    waiting = sorted(asked, key=lambda case: zlib.crc32(case.key.encode()))
+    plain = () if options.busy else cases(options.seeds, options.clean)
+    mixed = sorted(plain, key=lambda case: zlib.crc32(case.key.encode()))
+    waiting = [case for case in (*mixed, *busy_cases(options.first_seed, options.busy)) if case.key not in done]
     with options.results.open("a", encoding="utf-8") as out, ProcessPoolExecutor(options.jobs) as pool:
         tasks = [pool.submit(record_of, case) for case in waiting]
         for count, task in enumerate(as_completed(tasks), start=1):
@@ -61,12 +64,16 @@ def main() -> None:
     parser.add_argument("results", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--clean", type=int, default=200, help="clean experiments per seed")
+    parser.add_argument("--busy", type=int, default=0, help="busy arms, in place of all others")
+    parser.add_argument("--first-seed", type=int, default=1, help="of the busy arms")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     if options.command == "run":
         run(options)
     else:
-        print(page(read(options.results)), end="")
+        records = read(options.results)
+        is_busy = any(record["group"] == BUSY for record in records)
+        print(busy_page(records) if is_busy else page(records), end="")
 
 
 if __name__ == "__main__":

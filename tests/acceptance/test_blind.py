@@ -63,6 +63,7 @@ def test_the_limit_is_seen_with_80_percent_power():
     world, oracle, (hidden, amplitude) = experiment.world, experiment.oracle, experiment.hidden[0]
     column = signature(world, oracle, hidden, amplitude)
     joint, rows = hidden.felt[0], oracle.joints[hidden.felt[0]]
+    assert oracle.multiples([column], [1]) == pytest.approx([1.0], rel=0.02)
     white = oracle.whitened(joint, rows, column[joint])
     clear = white - oracle.white[joint] @ (oracle.root @ (oracle.root.T @ (oracle.white[joint].T @ white)))
     rng = np.random.default_rng(3)
@@ -104,6 +105,19 @@ def test_a_clean_arm_is_fitted_to_the_noise_and_left_alone(tmp_path):
     assert [joint.rmse for joint in session.estimate.joints] == pytest.approx(true, rel=0.05)
     diagnosis = session.diagnosis
     assert diagnosis.findings == () and "unexplained" not in [joint.verdict for joint in diagnosis.joints]
+
+
+@pytest.mark.parametrize("design", ["strokes", "free"])
+def test_motion_that_accelerates_lies_in_the_base_model(design):
+    """Without noise, link parameters, inertia and friction (not the torque itself) leave a twentieth of it at most."""
+    experiment = drawn(Case("busy", (), "ur", 0.0, 0, 7, design))
+    world, oracle = experiment.world, experiment.oracle
+    p, n = world.motion.regressor.shape[-1], world.arm.n
+    for joint, rows in enumerate(oracle.joints):
+        base = np.delete(oracle.base(joint, rows), range(p, p + n), axis=1)
+        left = world.base.current[rows, joint]
+        left = left - base @ np.linalg.lstsq(base, left, rcond=None)[0]
+        assert np.sqrt(np.mean(left**2)) < 0.05 * world.noise.sigma[joint]
 
 
 @pytest.mark.parametrize(("group", "name", "kind"), [("thin", "ripple", "puma"), ("effect", "position_friction", "ur")])

@@ -114,10 +114,13 @@ class Arm:
         return f"{self.kind} {self.seed}"
 
 
-def draw_arm(kind: str, seed: int) -> Arm:
-    """An arm of a kind: lengths, masses, gears and motors within physical ranges about the kind's own."""
-    common, rng = KINDS[kind], np.random.default_rng([seed, sorted(KINDS).index(kind), 1])
-    n = len(common["alpha"])
+def draw_arm(kind: str, seed: int, joints: int = 6) -> Arm:
+    """An arm of a kind: lengths, masses, gears and motors within physical ranges about the kind's own.
+
+    It has the kind's first `joints`.
+    """
+    common = {name: values[:joints] for name, values in KINDS[kind].items()}
+    n, rng = joints, np.random.default_rng([seed, sorted(KINDS).index(kind), 1])
 
     def about(values: tuple[float, ...], share: float) -> Floats:
         return np.array(values, dtype=float) * rng.uniform(1.0 - share, 1.0 + share, n)

@@ -10,48 +10,41 @@ from typing import Any
 import numpy as np
 
 from blind_world.arms import KINDS, Arm
+from blind_world.busy import DESIGNS, disturbed, draw_effects
 from blind_world.effects import CATALOGUE, OUTSIDE
 from blind_world.hidden import Hidden, Strokes, Unfit, applied, sized
-from blind_world.motion import motion_of
+from blind_world.motion import FULL, THIN, motion_of
 from blind_world.oracle import Oracle
 from blind_world.world import State, World, draw_world, noises
 
-SIZES, PAIR_SIZE, OUTSIDE_SIZES, THIN_SIZE = (0.7, 1.0, 1.5, 2.0, 3.0), 2.5, (3.0, 5.0), 2.0
+SIZES, OUTSIDE_SIZES, THIN_SIZE = (0.7, 1.0, 1.5, 2.0, 3.0), (3.0, 5.0), 2.0
+#: Group of arms with several effects at a joint.
+BUSY = "busy"
 #: Effects of the whole arm, whichever joint they are asked for.
 WHOLE = ("tilt", "payload")
 #: Different arms of a kind that one seed has.
 ARMS = 4
 #: Joints and shapes that are tried before an effect is given up at a size.
 DRAWS = 12
-#: Pairs of effects of different families; both are hidden at PAIR_SIZE.
-PAIRS = (
-    ("stribeck", "ripple"),
-    ("load_friction", "spring"),
-    ("warmup", "position_friction"),
-    ("tilt", "friction_step"),
-    ("counterbalance", "presliding"),
-    ("torque_constant_drift", "ripple"),
-    ("zero_offset", "warmup"),
-    ("saturation", "position_friction"),
-    ("payload", "ripple"),
-    ("flexibility", "friction_step"),
-)
 
 
 @dataclass(frozen=True)
 class Case:
     """What to do."""
 
-    group: str  # effect, clean, outside, pair or thin
+    group: str  # effect, clean, outside, thin or busy
     effects: tuple[str, ...]  # names of what is hidden
     kind: str  # of the arm
     size: float  # multiple of the detection limit
     number: int  # of several like it
     seed: int  # of the benchmark
+    design: str = FULL  # of a busy arm
 
     @property
     def key(self) -> str:
         """Names the case in the file of results."""
+        if self.group == BUSY:
+            return f"{self.seed}/{BUSY}/{self.design}/{self.kind}"
         return f"{self.seed}/{self.group}/{'+'.join(self.effects) or 'none'}/{self.kind}/{self.size:g}/{self.number}"
 
 
@@ -77,19 +70,32 @@ def cases(seeds: Sequence[int], clean: int) -> Iterator[Case]:
             yield Case("clean", (), kinds[number % len(kinds)], 0.0, number, seed)
         for name, kind, size in itertools.product(OUTSIDE, kinds, OUTSIDE_SIZES):
             yield Case("outside", (name,), kind, size, 0, seed)
-        for pair, kind in itertools.product(PAIRS, kinds):
-            yield Case("pair", pair, kind, PAIR_SIZE, 0, seed)
         for name, kind in itertools.product(CATALOGUE, kinds):
             yield Case("thin", (name,), kind, THIN_SIZE, 0, seed)
         for number in range(clean // 10):
             yield Case("thin", (), kinds[number % len(kinds)], 0.0, number, seed)
 
 
+def busy_cases(first_seed: int, count: int) -> list[Case]:
+    """An experiment a seed; kinds of arms and designs take turns."""
+    kinds, designs = tuple(KINDS), tuple(DESIGNS)
+    seeds = range(first_seed, first_seed + count)
+    return [Case(BUSY, (), kinds[seed % 3], 0.0, 0, seed, designs[seed % 4]) for seed in seeds]
+
+
 def drawn(case: Case) -> Experiment:
     """The case as an experiment, or `Unfit`, with every joint's reason, where an effect cannot be seen."""
     own = zlib.crc32(case.key.encode())
     rng = np.random.default_rng([case.seed, own])
-    arm, campaign, motion = motion_of(case.kind, case.seed * ARMS + own % ARMS, is_thin=case.group == "thin")
+    if case.group == BUSY:
+        rates, joints = DESIGNS[case.design]
+        rate = float(rng.choice(rates))
+        world = draw_world(*motion_of(case.kind, case.seed, case.design, rate=rate, joints=joints), rng=rng)
+        world = disturbed(world, rng)
+        hidden = draw_effects(world, rng)
+        return Experiment(case, world, Oracle(world), hidden, applied(world, hidden), noises(world, rng))
+    design = THIN if case.group == "thin" else FULL
+    arm, campaign, motion = motion_of(case.kind, case.seed * ARMS + own % ARMS, design)
     world = draw_world(arm, campaign, motion, rng=rng)
     if "thermal_friction" in case.effects:
         world = replace(world, has_temperature=True)

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from blind_world.arms import GRAVITY, model_of
 from blind_world.gravity import holding, inverse
 from blind_world.hidden import DRIVE, SENSOR, WEIGHT, Builder, Hidden, Strokes, Unfit, added
-from blind_world.motion import RATE
+from blind_world.motion import FREE
 from blind_world.world import State, World
 
 Floats = NDArray[np.float64]
 
 #: Every so many rows gravity is computed; between them it is interpolated.
 SPARSE = 5
-#: Hz; the fastest ripple that the log's rate still shows well.
-FASTEST = 30.0
+#: The fastest ripple that the log shows well, as a share of its rate.
+FASTEST = 0.3
 
 
 def stribeck(at: Strokes, rng: np.random.Generator) -> Hidden:
@@ -113,7 +113,7 @@ def counterbalance(at: Strokes, rng: np.random.Generator) -> Hidden:
 
 def ripple(at: Strokes, rng: np.random.Generator) -> Hidden:
     """Cogging at the motor's turn where the recipe tells the gear, else teeth at any frequency."""
-    arm, top = at.world.arm, FASTEST * 2 * np.pi / at.speeds[-1]
+    arm, top = at.world.arm, fastest(at)
     if arm.is_geared and not arm.slides[at.joint]:
         waves = float(arm.gear[at.joint])
         if waves > top:
@@ -121,6 +121,16 @@ def ripple(at: Strokes, rng: np.random.Generator) -> Hidden:
     else:
         low, high = (60.0, 300.0) if arm.slides[at.joint] else (10.0, 90.0)
         waves = float(np.exp(rng.uniform(np.log(low), np.log(min(high, top)))))
+    return line(at, rng, waves)
+
+
+def fastest(at: Strokes) -> float:
+    """Waves a turn (or per 2 pi m) that the log's rate still shows well at the joint's highest speed."""
+    return float(FASTEST * at.world.campaign.rate * 2 * np.pi / at.speeds[-1])
+
+
+def line(at: Strokes, rng: np.random.Generator, waves: float) -> Hidden:
+    """A ripple of so many waves a turn (or per 2 pi m)."""
     column = np.cos(waves * at.q - rng.uniform(0, 2 * np.pi))
     return at.effect("ripple", column, 0.5 * at.dry, freedoms=2, frequency=waves)
 
@@ -181,9 +191,9 @@ def payload(at: Strokes, rng: np.random.Generator) -> Hidden:
     """The gripper takes something up."""
     world = at.world
     place = np.array([rng.uniform(-0.05, 0.05), rng.uniform(-0.05, 0.05), rng.uniform(0.05, 0.2)])
-    instant = len(world.motion) / RATE * rng.uniform(0.25, 0.75)
+    instant = world.time[-1] * rng.uniform(0.25, 0.75)
     still = weight(world, world.model)
-    after = (np.arange(len(world.motion))[::SPARSE] / RATE > instant)[:, None]
+    after = (world.time[::SPARSE] > instant)[:, None]
 
     def torque(mass: float) -> Floats:
         model = model_of(world.arm)
@@ -217,6 +227,8 @@ def coupling(at: Strokes, rng: np.random.Generator) -> Hidden:
         raise Unfit("its drive does not pass through another joint")
     on, side = pairs[at.joint], rng.choice([-1.0, 1.0])
     carried = dense(world, weight(world, world.model))[world.rows(on), at.joint] * world.arm.gain[on]
+    if world.campaign.design == FREE:  # friction and inertia too
+        carried = world.base.current[world.rows(on), at.joint] * world.arm.gain[on] / world.arm.gain[at.joint]
 
     def change(world: World, state: State, amplitude: float) -> State:
         return added(world, state, on, side * amplitude * carried)
@@ -285,7 +297,7 @@ def delay(at: Strokes, rng: np.random.Generator) -> Hidden:
     side, rows = rng.choice([-1.0, 1.0]), np.arange(len(at.world.motion), dtype=float)
 
     def read(current: Floats, amplitude: float) -> Floats:
-        return np.interp(rows - side * amplitude * RATE, rows, current)
+        return np.interp(rows - side * amplitude * at.world.campaign.rate, rows, current)
 
     return _of_sensor("delay", at, read, 0.06, "s", side=side)
 
@@ -301,7 +313,7 @@ def inertia(at: Strokes, rng: np.random.Generator) -> Hidden:
     rate = 2 * np.pi * rng.uniform(2.0, 6.0, len(world.speed_of))[stroke]
     phase = rng.uniform(0, 2 * np.pi, len(world.speed_of))[stroke]
     inside = np.clip(np.abs(at.v / speed), 0.0, 1.0) ** 4
-    wave = inside * speed * np.sin(rate * rows / RATE + phase)
+    wave = inside * speed * np.sin(rate * at.world.time[rows] + phase)
     q = world.motion.position[rows][::SPARSE]
     still = np.zeros_like(q)
     pushed = still + np.eye(world.arm.n)[at.joint]
@@ -324,6 +336,26 @@ def local_bump(at: Strokes, rng: np.random.Generator) -> Hidden:
     place = rng.uniform(low + 3 * wide, high - 3 * wide)
     column = at.drag * np.exp(-0.5 * ((at.q - place) / wide) ** 2)
     return at.effect("local_bump", column, 1.2 * at.dry, at=place, width=wide)
+
+
+def snag(at: Strokes, rng: np.random.Generator) -> Hidden:
+    """A hose that is taut beyond a position: a pull that begins there."""
+    side, reach = rng.choice([-1.0, 1.0]), float(np.ptp(at.q))
+    place = float(rng.uniform(at.q.min() + 0.3 * reach, at.q.max() - 0.3 * reach))
+    column = side * np.maximum(side * (at.q - place), 0.0) / (0.3 * reach)
+    return at.effect("snag", column, at.dry, at=place, side=side)
+
+
+def backlash(at: Strokes, rng: np.random.Generator) -> Hidden:
+    """Play of the gear: the link rests on the side to which its load pushes it, and is felt at its own joint."""
+    at.turning()
+    world, unit = at.world, np.eye(at.world.arm.n)[at.joint]
+    still = weight(world, world.model)
+    if np.abs(still[:, at.joint]).max() < 0.05:
+        raise Unfit("the joint carries no load")
+    sagging = weight(world, world.model, -1e-3 * np.sign(still[:, [at.joint]]) * unit) - still
+    column = dense(world, sagging)[at.rows, at.joint] * 500.0 * world.arm.gain[at.joint]
+    return at.effect("backlash", column, 0.0175, unit="rad")
 
 
 def viscous_of_position(at: Strokes, rng: np.random.Generator) -> Hidden:

@@ -75,6 +75,31 @@ def statics(
     return load, across, regressor
 
 
+def whole_torque(model: mujoco.MjModel, position: Floats, velocity: Floats, acceleration: Floats) -> Floats:
+    """(N, J, p) N m or N of a motion (N, J) per unit of p independent link parameters: of 1 kg at places in each link.
+
+    Mass, first moments and inertia are polynomials of second order in the place, which ten places span. The masses of
+    `model` are lost.
+    """
+    data, n = mujoco.MjData(model), position.shape[1]
+    places = np.vstack([np.zeros(3), np.eye(3), -np.eye(3), 1.0 - np.eye(3)])
+    out, drawn = np.empty((len(position), n, n, len(places))), np.empty(n)
+    model.body_inertia[:] = 0.0
+    for k in range(n):
+        model.body_mass[:] = np.arange(n + 1) == k + 1
+        for c, place in enumerate(places):
+            model.body_ipos[k + 1] = place
+            for row in range(len(position)):
+                data.qpos[:], data.qvel[:], data.qacc[:] = position[row], velocity[row], acceleration[row]
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_comVel(model, data)
+                mujoco.mj_rne(model, data, 1, drawn)
+                out[row, :, k, c] = drawn
+    columns = out.reshape(len(position), n, -1)
+    return columns[:, :, _independent(columns.swapaxes(0, 1).reshape(len(position) * n, -1))]
+
+
 def _spread(values: Floats, rows: NDArray[np.int64], size: int) -> Floats:
     out = np.zeros((size, *values.shape[1:]))
     out[rows] = values

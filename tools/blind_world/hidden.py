@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from blind_world.motion import RATE
 from blind_world.oracle import Oracle, threshold
 from blind_world.world import TURNOVER, State, World
 
@@ -72,19 +71,21 @@ class Strokes:
 
     @cached_property
     def load(self) -> Floats:
-        """(M,) A: gravity's current."""
-        return np.asarray(self.world.motion.load[self.rows] * self.world.arm.gain[self.joint])
+        """(M,) A: gravity's current, in motion that accelerates inertia's too."""
+        return self.world.load(self.joint)
 
     @cached_property
     def speeds(self) -> Floats:
-        """Distinct speeds of the fitted strokes, rising."""
+        """Distinct speeds of the fitted strokes, rising; quantiles in any motion."""
+        if not self.world.campaign.is_steady:
+            return np.asarray(np.quantile(np.abs(self.v), (0.2, 0.5, 0.8, 1.0)))
         fitted = (self.world.joint_of == self.joint) & ~self.world.heldout
         return np.unique(np.abs(self.world.speed_of[fitted]))
 
     @cached_property
     def clock(self) -> tuple[Floats, float]:
         """(M,) s since the joint's first stroke, and the whole duration."""
-        t = self.rows / RATE
+        t = self.world.time[self.rows]
         return t - t[0], float(t[-1] - t[0])
 
     def turning(self) -> None:

@@ -1,19 +1,21 @@
 """What the best possible test can see: the whitened score test with the true noise, after the paper's base model.
 
-Runs are the rows in which the commanded speed is constant and the loop has settled. The noise of run r of joint j is
+Runs are the rows in which the commanded speed is constant and the loop has settled; of strokes and any motion, those
+in which a joint moves. The noise of run r of joint j is
 
     sigma_jr^2 AR(memory_j)  +  (step^2 / 12) white  +  level_jr^2 (one constant for the whole run),
 
 and is whitened exactly but for the first sample's transient. The base model is linearised at the truth: gravity's
 independent link parameters (shared by all joints, each joint in its own gain), the gain of every joint, and Coulomb and
-viscous friction of both directions of every joint. A signature f (A) with d free amplitudes has the noncentrality
+viscous friction of both directions of every joint; of any motion all link parameters, and inertia of every joint where
+it accelerates. A signature f (A) with d free amplitudes has the noncentrality
 
     lambda = |W f|^2 - |projection of W f on W (base columns)|^2,
 
 and is at its detection limit where a test of d degrees of freedom at the level 0.05 / TESTS rejects with 80 % power.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 from scipy.stats import chi2, ncx2
 
+from blind_world.motion import FREE, sparseness
 from blind_world.world import World, loudness
 
 Floats = NDArray[np.float64]
@@ -28,6 +31,8 @@ Floats = NDArray[np.float64]
 #: Independent looks that a search over catalogue, joints and shapes amounts to: a two-sided z of 4.0.
 TESTS = 800
 LEVEL, POWER = 0.05, 0.8
+#: Share of the highest speed below which a joint that accelerates counts as resting.
+SLOW = 0.03
 #: Eigenvalues of the scaled normal equations below this share of the largest are directions that nothing determines.
 RANK = 1e-10
 
@@ -45,21 +50,34 @@ class Oracle:
         self.world = world
         self.loud = loudness(world)
         run, held = world.motion.run, world.heldout
-        own = np.where(run >= 0, world.joint_of[run], -1)
-        self.joints = [np.flatnonzero((own == j) & ~held[run]) for j in range(world.arm.n)]
+        self.fitted = (run >= 0) & ~held[run]
+        self.joints = [self.moving(j)[self.fitted[self.moving(j)]] for j in range(world.arm.n)]
         self.white = [self.whitened(j, rows, self.base(j, rows)) for j, rows in enumerate(self.joints)]
         self.root = inverse_root(np.sum([block.T @ block for block in self.white], axis=0))
 
+    def moving(self, joint: int) -> NDArray[np.int64]:
+        """Rows of runs of `joint`, held-out ones too; where it accelerates, without those in which it nearly rests."""
+        world, rows = self.world, self.world.rows(joint)
+        slow = -1.0 if world.campaign.is_steady else SLOW * world.arm.speed[joint]
+        return rows[(world.motion.run[rows] >= 0) & (np.abs(world.motion.velocity[rows, joint]) > slow)]
+
     def base(self, joint: int, rows: NDArray[np.int64]) -> Floats:
         """(M, p) columns of the base model, A per unit, at rows in which `joint` moves."""
-        motion, arm = self.world.motion, self.world.arm
-        p, n = motion.regressor.shape[1], arm.n
-        out = np.zeros((len(rows), p + 5 * n))
-        out[:, :p] = motion.regressor[rows] * arm.gain[joint]
-        out[:, p + joint] = motion.load[rows] * arm.gain[joint]
+        motion, arm, campaign = self.world.motion, self.world.arm, self.world.campaign
+        p, n = motion.regressor.shape[-1], arm.n
+        out = np.zeros((len(rows), p + 6 * n))
+        if campaign.design == FREE:
+            at = np.arange(len(motion.regressor)) * sparseness(campaign.rate)
+            out[:, :p] = np.column_stack([np.interp(rows, at, column) for column in motion.regressor[:, joint].T])
+            out[:, p + joint] = motion.torque[rows, joint]
+        else:
+            out[:, :p], out[:, p + joint] = motion.regressor[rows], motion.load[rows]
+        out *= arm.gain[joint]
         v = motion.velocity[rows, joint]
         first = p + n + 4 * joint
         out[:, first : first + 4] = np.column_stack([v > 0, v <= 0, np.maximum(v, 0), np.minimum(v, 0)])
+        if not campaign.is_steady:
+            out[:, p + 5 * n + joint] = motion.acceleration[rows, joint]
         return out
 
     def whitened(self, joint: int, rows: NDArray[np.int64], values: Floats) -> Floats:
@@ -91,6 +109,19 @@ class Oracle:
             along += self.white[joint].T @ white
         return max(size - float(np.square(self.root.T @ along).sum()), 0.0)
 
+    def multiples(self, signatures: Sequence[Mapping[int, Floats]], freedoms: Sequence[int]) -> Floats:
+        """Sizes of several effects, as multiples of each one's limit when all others are in the model."""
+        k = len(signatures)
+        gram, across = np.zeros((k, k)), np.zeros((len(self.root), k))
+        for joint, rows in enumerate(self.joints):
+            still = np.zeros(len(rows))
+            columns = [signature.get(joint, still) for signature in signatures]
+            white = self.whitened(joint, rows, np.array(columns).reshape(k, len(rows)).T)
+            gram, across = gram + white.T @ white, across + self.white[joint].T @ white
+        clear = gram - across.T @ self.root @ (self.root.T @ across) + 1e-6 * np.eye(k)
+        alone = 1.0 / np.diag(np.linalg.inv(clear))
+        return np.sqrt(np.maximum(alone, 0.0) / [threshold(count) for count in freedoms])
+
     def felt(self, current: Floats) -> dict[int, Floats]:
         """Currents (N, J) at the rows of each joint's fitted runs."""
         return {joint: current[rows, joint] for joint, rows in enumerate(self.joints)}
@@ -99,7 +130,8 @@ class Oracle:
         """Weighted fit of the base model and of known signatures to `measured`.
 
         All are (N, J) A; `start` are the currents of the true base model, about which it is linearised. Returns changes
-        of the base parameters, and an amplitude of each signature (1 where it is as it was hidden).
+        of the base parameters, and an amplitude of each signature (1 where it is as it was hidden; that is taken for
+        known to 100 %, so that what no run tells stays there).
         """
         p = len(self.root)
         gram, right = np.zeros((p + len(effects),) * 2), np.zeros(p + len(effects))
@@ -109,6 +141,8 @@ class Oracle:
             block = np.column_stack([self.white[joint], white[:, 1:]])
             gram += block.T @ block
             right += block.T @ white[:, 0]
+        gram[range(p, len(gram)), range(p, len(gram))] += 1.0
+        right[p:] += 1.0
         root = inverse_root(gram)
         found = root @ (root.T @ right)
         return found[:p], found[p:]

@@ -13,17 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blind_world.case import Case, Experiment, drawn
-from blind_world.hidden import Hidden, Unfit, applied
-from blind_world.motion import RATE
-from blind_world.world import sensed, write_experiment
+from blind_world.case import BUSY, Case, Experiment, drawn
+from blind_world.hidden import Hidden, Strokes, Unfit, applied, signature
+from blind_world.world import LATER, State, sensed, write_experiment
+from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.diagnose import diagnose
-from pumaid.diagnosis.records import Diagnosis, Finding
+from pumaid.diagnosis.records import ADD, Diagnosis, Finding
+from pumaid.effects import catalogue
 from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.experiment import Experiment as Logs
+from pumaid.results.documents import read_model
 from pumaid.robot import EffectChoice, Robot
 
 Floats = NDArray[np.float64]
@@ -41,15 +43,35 @@ class Session:
     @classmethod
     def of_folder(cls, folder: Path) -> Session:
         """Run the program."""
-        logs = Logs((str(folder / "logs"),))
-        robot, dataset = logs.robot, logs.dataset()
+        robot, dataset = read(folder)
         estimate = identify(dataset, robot)
         return cls(robot, dataset, estimate, diagnose(estimate, dataset, robot))
+
+    def applied(self, folder: Path) -> tuple[Session, list[Estimate]]:
+        """What stands after ``diagnose --apply``, and the models after each step."""
+        file, steps = folder / "results" / "model.json", list[Estimate]()
+        diagnosis, estimate = added(
+            self.diagnosis,
+            self.estimate,
+            self.dataset,
+            robot=self.robot,
+            model=file,
+            again=lambda model: diagnose(model, self.dataset, self.robot),
+            tell=lambda _: steps.append(read_model(file)),
+        )
+        return Session(self.robot, self.dataset, estimate, diagnosis), steps
 
     @property
     def added(self) -> list[Finding]:
         """Findings that the program would add."""
-        return [finding for finding in self.diagnosis.findings if finding.verdict == "add"]
+        return [finding for finding in self.diagnosis.findings if finding.verdict == ADD]
+
+
+def read(folder: Path) -> tuple[Robot, Dataset]:
+    """An experiment's arm and runs."""
+    held = (str(folder / LATER),) if (folder / LATER).is_file() else ()
+    logs = Logs((str(folder / "logs"),), heldout=held)
+    return logs.robot, logs.dataset()
 
 
 def judged(case: Case) -> dict[str, Any]:
@@ -64,6 +86,8 @@ def judged(case: Case) -> dict[str, Any]:
         folder = Path(scratch)
         write_experiment(folder, experiment.world, sensed(experiment.world, experiment.state, experiment.noise))
         session = Session.of_folder(folder)
+        if case.group == BUSY:
+            return record | busy(experiment, session, *session.applied(folder))
         return record | said(experiment, session) | heldout(experiment, session)
 
 
@@ -103,9 +127,7 @@ def said(experiment: Experiment, session: Session) -> dict[str, Any]:
         "findings": [{"effect": f.effect, "joint": f.joint, "rivals": list(f.rivals)} for f in added],
         "sets": [1 + len(finding.rivals) for finding in added],
         "unexplained": bool(ranks) and any(verdicts.get(j + 1) == "unexplained" for j in felt(experiment)),
-        "needless": sum(all(row[k] == "no" for row in ranks) for k in range(len(added))),
         "later": any(word != "no" for row in ranks for word in row[1:]),
-        "named": sum(any(word != "no" for word in row) for row in ranks),
     }
 
 
@@ -128,23 +150,107 @@ def heldout(experiment: Experiment, session: Session) -> dict[str, Any]:
 def true_rmse(experiment: Experiment, session: Session) -> Floats:
     """(J,) A: RMSE on the program's own held-out runs of the true model, fitted with the true noise and shapes.
 
-    The true model has no inertia either, so what a run kept of a ramp counts against it as against the program.
+    The program reads a log of what the true model leaves, so that its bins are the same; at constant speed the true
+    model has no inertia either, so what a run kept of a ramp counts against it as against the program.
     """
     world, oracle = experiment.world, experiment.oracle
-    measured = sensed(world, experiment.state, experiment.noise).current
+    measured = sensed(world, experiment.state, experiment.noise)
     base = world.resting.current
     effects = [applied(world, [pair], world.resting).current - base for pair in experiment.hidden]
-    values, amplitudes = oracle.fit(measured, effects, base)
+    values, amplitudes = oracle.fit(measured.current, effects, base)
+    left = measured.current - base
+    for amplitude, effect in zip(amplitudes, effects, strict=True):
+        left -= amplitude * effect
+    for joint in range(world.arm.n):
+        rows = world.rows(joint)
+        left[rows, joint] -= oracle.base(joint, rows) @ values
+    with tempfile.TemporaryDirectory() as scratch:
+        write_experiment(Path(scratch), world, State(left, measured.position))
+        dataset = read(Path(scratch))[1]
     squares, counts = np.zeros(world.arm.n), np.zeros(world.arm.n)
-    for run in session.dataset.runs:
-        if not run.heldout:
-            continue
-        joint = run.joint - 1
-        rows = np.arange(round(run.start * RATE), round((run.start + run.duration) * RATE) + 1)
-        miss = (measured - base)[rows, joint] - oracle.base(joint, rows) @ values
-        for amplitude, effect in zip(amplitudes, effects, strict=True):
-            miss -= amplitude * effect[rows, joint]
-        squares[joint] += miss @ miss
-        counts[joint] += len(rows)
+    for run in dataset.runs:
+        if run.heldout:
+            squares[run.joint - 1] += run.bins.count @ (run.bins.current**2 + run.bins.variance)
+            counts[run.joint - 1] += run.bins.count.sum()
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / counts))
+
+
+def busy(experiment: Experiment, session: Session, last: Session, steps: list[Estimate]) -> dict[str, Any]:
+    """Of an arm with several effects at a joint: what became of each effect, joint, finding and forecast.
+
+    `session` is before, `last` after what was found is added, in `steps`.
+    """
+    findings = [*last.diagnosis.applied, *last.added]
+    best, joints = true_rmse(experiment, session), []
+    for first, ended in zip(session.diagnosis.joints, last.diagnosis.joints, strict=True):
+        errors = [model.joint(ended.joint).heldout for model in (session.estimate, last.estimate)]
+        ratios = [None if error is None else error / best[ended.joint - 1] for error in errors]
+        joints.append({"joint": ended.joint, "first": first.verdict, "last": ended.verdict, "ratios": ratios})
+    return {
+        "outcome": "done",
+        "design": experiment.case.design,
+        "rate": experiment.world.campaign.rate,
+        "effects": answers(experiment, findings, last.diagnosis),
+        "joints": joints,
+        "findings": [
+            {"effect": item.effect, "joint": felt_at(item), "rivals": list(item.rivals), "shape": dict(item.shape)}
+            | {"right": is_right(experiment, item)}
+            for item in findings
+        ],
+        "forecasts": [
+            {"effect": item.effect, "joint": item.joint, "told": told, "came": step.joint(item.joint).heldout}
+            for item, step in zip(last.diagnosis.applied, steps, strict=False)
+            if item.joint and (told := item.rmse_heldout_after) and item.effect != "coupling"
+        ],
+    }
+
+
+def answer(experiment: Experiment, hidden: Hidden, finding: Finding) -> str:
+    """As `rank`; ripples are the same within 2 % or 0.4 of what the joint's span resolves."""
+    word, waves = rank(hidden, finding), hidden.shape.get("frequency")
+    if word == "first" and waves is not None and hidden.joint is not None:
+        span = float(np.ptp(Strokes(experiment.world, hidden.joint).q))
+        near = max(0.02 * waves, 0.8 * np.pi / span)
+        return "first" if abs(finding.shape["frequency"] - waves) < near else "no"
+    return word
+
+
+def felt_at(finding: Finding) -> int | None:
+    """Joint whose current the effect changes, None for the whole arm."""
+    return int(finding.shape["on"]) if "on" in finding.shape else finding.joint
+
+
+def is_right(experiment: Experiment, finding: Finding) -> bool:
+    """Whether it, or a rival of it, is hidden there."""
+    return any(answer(experiment, hidden, finding) != "no" for hidden, _ in experiment.hidden)
+
+
+def answers(experiment: Experiment, findings: list[Finding], last: Diagnosis) -> list[dict[str, Any]]:
+    """Of each hidden effect: joint (from 1) where it is felt, size over its limit, how it was named.
+
+    ``right``, ``pair`` (in a set of two), ``set``, ``wrong`` (another effect is named there alone) or ``missed``; and
+    whether it is above its limit: the stated one, and at least twice our own where none is stated in its unit.
+    """
+    world, oracle = experiment.world, experiment.oracle
+    shares = [signature(world, oracle, *pair) for pair in experiment.hidden]
+    multiples = oracle.multiples(shares, [hidden.freedoms for hidden, _ in experiment.hidden])
+    alone = [item for item in findings if not item.rivals]
+    false = {felt_at(item) for item in alone if not is_right(experiment, item)}
+    out = []
+    for (hidden, amplitude), multiple in zip(experiment.hidden, multiples, strict=True):
+        felt = hidden.felt[0] + 1
+        words = [(answer(experiment, hidden, item), len(item.rivals)) for item in findings]
+        sets = [rivals for word, rivals in words if word != "no"]
+        if sets:
+            how = "right" if ("first", 0) in words else "pair" if min(sets) <= 1 else "set"
+        else:
+            how = "wrong" if felt in false else "missed"
+        limits = {limit.unit: limit.size for limit in last.joints[felt - 1].limits if limit.effect == hidden.name}
+        stated = limits.get(hidden.unit)
+        above = amplitude > stated if stated else multiple >= 2.0
+        out.append(
+            {"effect": hidden.name, "joint": felt, "multiple": multiple, "amplitude": amplitude, "answer": how}
+            | {"inside": hidden.name in catalogue(), "above": bool(above), "shape": dict(hidden.shape)}
+        )
+    return out

@@ -40,7 +40,6 @@ def page(records: list[Record]) -> str:
     run = [record for record in records if record["outcome"] != "skipped"]
     crashed = [record["key"] for record in run if record["outcome"] == "crashed"]
     sections = {"Goals": goals, "By size": by_size, "By effect": by_effect, "Outside the catalogue": outside}
-    sections["Two at once"] = pairs
     parts = [f"{len(run)} experiments, seeds {seeds}; {len(crashed)} ended in an error: {', '.join(crashed) or 'none'}"]
     parts += [f"## {title}\n\n" + "\n".join(table(records)) for title, table in sections.items()]
     return "\n\n".join(parts) + "\n"
@@ -139,16 +138,4 @@ def outside(records: list[Record]) -> list[str]:
         explained, nothing = sum(map(honest, silent)), sum(not spoke(record) for record in silent)
         first = ", ".join(f"{effect} {count}" for effect, count in names.most_common(3)) or "-"
         lines.append(row(f"`{name}`", len(run), len(run) - len(silent), explained, nothing, first))
-    return lines
-
-
-def pairs(records: list[Record]) -> list[str]:
-    """Two effects at once."""
-    run = of_group(records, "pair")
-    lines = [header("hidden", "runs", "both named", "one", "none", "within 5 % of the true model")]
-    for pair in dict.fromkeys(tuple(record["effects"]) for record in run):
-        of_pair = [record for record in run if tuple(record["effects"]) == pair]
-        named = [record["named"] for record in of_pair]
-        near = interval(map(near_truth, of_pair))
-        lines.append(row(" + ".join(pair), len(of_pair), *(named.count(k) for k in (2, 1, 0)), near))
     return lines

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from blind_world.arms import GRAVITY, Arm, model_of
-from blind_world.motion import RATE, Campaign, Motion
+from blind_world.motion import Campaign, Motion
 
 Floats = NDArray[np.float64]
 
 #: rad/s or m/s below which friction turns over smoothly.
 TURNOVER = 0.004
+#: Log of what is held out where no plan says it.
+LATER = "logs/later.parquet"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,8 @@ class Noise:
     louder: Floats  # share by which all of it grows up to the joint's highest speed
     step: float  # A, of the current's quantisation
     tick: Floats  # rad or m, of the encoder
+    drift: float = 0.0  # spread of a random walk over the whole log, as a share of sigma
+    spikes: float = 0.0  # share of the samples that are off by 5 to 15 sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +93,27 @@ class World:
         return model_of(self.arm)
 
     def rows(self, joint: int) -> NDArray[np.int64]:
-        """Rows in which a stroke of `joint` is under way."""
+        """(M,) rows in which a stroke of `joint` is under way, or any motion."""
         moving = self.motion.moving
-        return np.flatnonzero((moving >= 0) & (self.joint_of[moving] == joint))
+        return np.flatnonzero((moving >= 0) & np.isin(self.joint_of[moving], (joint, -1)))
+
+    def load(self, joint: int) -> Floats:
+        """(M,) A at these rows: what the gear passes on, which is gravity's current where speed is constant."""
+        motion, rows = self.motion, self.rows(joint)
+        rotor = self.arm.armature[joint] * motion.acceleration[rows, joint]
+        passed = motion.load[rows] if self.campaign.is_steady else motion.torque[rows, joint] - rotor
+        return np.asarray(passed * self.arm.gain[joint])
+
+    @cached_property
+    def time(self) -> Floats:
+        """(N,) s."""
+        return np.arange(len(self.motion)) / self.campaign.rate
+
+    @cached_property
+    def late(self) -> float:
+        """S from which what is logged is held out as a log of its own; infinite where the plan says what is."""
+        first = int(np.argmax(self.motion.moving >= int(np.argmax(self.heldout))))
+        return np.inf if self.campaign.is_steady else float(self.time[first])
 
     @cached_property
     def base(self) -> State:
@@ -103,7 +125,9 @@ class World:
 
     @cached_property
     def resting(self) -> State:
-        """The base without what acceleration draws in the joint that moves."""
+        """The base, at constant speed without what acceleration draws in the joint that moves."""
+        if not self.campaign.is_steady:
+            return self.base
         on = np.flatnonzero(self.motion.moving >= 0)
         moving = self.joint_of[self.motion.moving[on]]
         current = self.base.current.copy()
@@ -114,7 +138,7 @@ class World:
 def draw_world(arm: Arm, campaign: Campaign, motion: Motion, *, rng: np.random.Generator) -> World:
     """Friction, noise, temperature and the log's columns of one experiment."""
     n = arm.n
-    coulomb = arm.coulomb * rng.uniform(0.7, 1.3, n)
+    rate, coulomb = campaign.rate, arm.coulomb * rng.uniform(0.7, 1.3, n)
     lean = rng.uniform(-0.25, 0.25, n)
     viscous = coulomb * rng.uniform(0.1, 0.5, n) / arm.speed
     tilt = rng.uniform(-0.25, 0.25, n)
@@ -122,19 +146,19 @@ def draw_world(arm: Arm, campaign: Campaign, motion: Motion, *, rng: np.random.G
     sigma = arm.coulomb * np.exp(rng.uniform(np.log(0.02), np.log(0.06), n))
     noise = Noise(
         sigma=sigma,
-        memory=np.exp(-1.0 / (RATE * rng.uniform(0.012, 0.08, n))),
+        memory=np.exp(-1.0 / (rate * rng.uniform(0.012, 0.08, n))),
         level=sigma * rng.uniform(0.1, 0.45, n),
         louder=np.full(n, rng.uniform(0.3, 1.2) if rng.random() < 1 / 3 else 0.0),
         step=float(sigma.min() * rng.uniform(0.2, 0.8)),
         tick=np.where(arm.slides, 1e-5, 2 * np.pi / 2.0 ** rng.integers(16, 20)),
     )
-    warm, is_thermal = _temperature(motion, arm, rng), bool(rng.random() < 0.4)
+    warm, is_thermal = _temperature(motion, arm, rng, rate=rate), bool(rng.random() < 0.4)
     return World(arm, campaign, motion, friction, noise, warm, is_thermal, bool(rng.random() < 0.7))
 
 
-def _temperature(motion: Motion, arm: Arm, rng: np.random.Generator) -> Floats:
+def _temperature(motion: Motion, arm: Arm, rng: np.random.Generator, *, rate: float) -> Floats:
     """(N, J) degC: each motor warms while it moves and cools in between, in a room that drifts."""
-    memory = np.exp(-1.0 / (RATE * rng.uniform(150.0, 600.0, arm.n)))
+    memory = np.exp(-1.0 / (rate * rng.uniform(150.0, 600.0, arm.n)))
     heat = np.abs(motion.velocity) / arm.speed * rng.uniform(60.0, 140.0, arm.n)
     out = np.empty_like(heat)
     for joint, keep in enumerate(memory):
@@ -159,10 +183,15 @@ def noises(world: World, rng: np.random.Generator) -> Floats:
         first = keep * rng.standard_normal(1)
         out[:, joint] = lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white[:, joint], zi=first)[0]
     out *= noise.sigma
-    on = np.flatnonzero(moving >= 0)
+    on = np.flatnonzero((moving >= 0) & (world.joint_of[moving] >= 0))
     own, loud = world.joint_of[moving[on]], loudness(world)
     levels = rng.standard_normal(len(loud)) * noise.level[world.joint_of]
     out[on, own] = loud[moving[on]] * (out[on, own] + levels[moving[on]])
+    if noise.drift:
+        walk = np.cumsum(rng.standard_normal(size), axis=0)
+        out += noise.drift * noise.sigma * (walk - walk.mean(axis=0)) / walk.std(axis=0)
+    if noise.spikes:
+        out += (rng.random(size) < noise.spikes) * noise.sigma * rng.uniform(5.0, 15.0, size) * np.sign(white)
     return out
 
 
@@ -173,16 +202,23 @@ def sensed(world: World, state: State, noise: Floats) -> State:
 
 
 def write_experiment(folder: Path, world: World, sensed: State) -> None:
-    """Write the folder as a user has it: recipe.yaml and plan.yaml as plain text, the log as Parquet."""
+    """Write the folder as a user has it: recipe.yaml and plan.yaml as plain text, the log as Parquet.
+
+    Without runs at constant speed there is no plan, and the last part of the log is a file of its own, `LATER`.
+    """
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     (folder / "recipe.yaml").write_text(recipe(world.arm), encoding="utf-8")
-    (folder / "plan.yaml").write_text(plan(world.arm, world.campaign), encoding="utf-8")
-    pq.write_table(table(world, sensed), folder / "logs" / "campaign.parquet", compression="snappy")
+    rows, is_late = table(world, sensed), world.time >= world.late
+    pq.write_table(rows.filter(~is_late), folder / "logs" / "campaign.parquet", compression="snappy")
+    if world.campaign.is_steady:
+        (folder / "plan.yaml").write_text(plan(world.arm, world.campaign), encoding="utf-8")
+    else:
+        pq.write_table(rows.filter(is_late), folder / LATER, compression="snappy")
 
 
 def table(world: World, sensed: State) -> pa.Table:
     """The log's columns: t, q, qd (some arms), i, temp (some arms)."""
-    columns = {"t": np.round(world.motion.time, 6)}
+    columns = {"t": np.round(world.time, 6)}
     groups = {"q": sensed.position, "i": sensed.current}
     if world.has_velocity:
         groups["qd"] = np.round(world.motion.velocity, 4)

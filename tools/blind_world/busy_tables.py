@@ -1,0 +1,91 @@
+"""The page of busy arms, as Markdown: effects, joints and forecasts of all experiments."""
+
+from collections import Counter
+
+import numpy as np
+
+from blind_world.busy import DESIGNS, SIZES
+from blind_world.tables import Record, header, interval, row
+
+#: How an effect was named, as `score.answers` says.
+ANSWERS = ("right", "pair", "set", "wrong", "missed")
+#: An effect counts from so many times its limit on; errors are alike within this share.
+CLEAR, NEAR = 2.0, 0.05
+#: Each goal with its share, negative where that is an upper bound; in the order of `outcomes`.
+GOALS = {
+    "effects at 2 x their limit and above: right, or in a set of two": 0.95,
+    "the same: another name alone at the joint": -0.02,
+    "ripple at 2 x and above: right, or in a set of two": 0.95,
+    "joints without an effect: something is missing": -0.02,
+    "joints with an effect above its stated limit: called clean": -0.05,
+    "joints: error on unseen runs within 5 % of the true model's": 0.90,
+    "forecasts of that error: within 5 % of what came": 0.95,
+    "joints at the floor: called unexplained": -0.01,
+    "outside the catalogue: unexplained, or explained to the noise": 0.95,
+    "there, with a false name: error on unseen runs not lower": -0.01,
+}
+
+
+def busy_page(records: list[Record]) -> str:
+    """All tables of busy arms."""
+    done = [record for record in records if record["outcome"] == "done"]
+    crashed = [record["key"] for record in records if record["outcome"] == "crashed"]
+    seeds = [record["seed"] for record in records]
+    title = f"{len(done)} busy arms, seeds {min(seeds)} to {max(seeds)}; {len(crashed)} ended in an error: {crashed}"
+    false = Counter(f["effect"] for record in done for f in record["findings"] if not f["right"])
+    names = "Named where it is not: " + ", ".join(f"{name} {count}" for name, count in false.most_common())
+    return "\n\n".join([title, "\n".join(goals(done)), "\n".join(by_effect(done)), names]) + "\n"
+
+
+def outcomes(record: Record) -> dict[str, list[bool]]:
+    """By goal, whether it holds of each effect, joint or forecast that it is about."""
+    out: dict[str, list[bool]] = {text: [] for text in GOALS}
+    named, wrong, ripples, false, clean, near, forecasts, floor, outside, worse = out.values()
+    for effect in record["effects"]:
+        if effect["inside"] and effect["multiple"] >= CLEAR:
+            is_named = effect["answer"] in ANSWERS[:2]
+            named.append(is_named)
+            wrong.append(effect["answer"] == "wrong")
+            ripples += [is_named] * (effect["effect"] == "ripple")
+    for joint in record["joints"]:
+        effects = [effect for effect in record["effects"] if effect["joint"] == joint["joint"]]
+        findings = [finding for finding in record["findings"] if finding["joint"] == joint["joint"]]
+        is_quiet, is_unexplained = joint["last"] == "adequate" and not findings, joint["last"] == "unexplained"
+        before, after = joint["ratios"]
+        if not effects:
+            false.append(not is_quiet)
+        if any(effect["above"] for effect in effects):
+            clean.append(is_quiet)
+        near.append(after is not None and after <= 1.0 + NEAR)
+        if near[-1] and all(e["answer"] in ANSWERS[:3] or e["multiple"] < 1.0 for e in effects):
+            floor.append(is_unexplained)
+        if any(effect["multiple"] >= CLEAR and not effect["inside"] for effect in effects):
+            outside.append(is_unexplained or near[-1])
+            worse += [after >= before] * (not all(finding["right"] for finding in findings))
+    forecasts += [bool(abs(item["told"] / item["came"] - 1.0) <= NEAR) for item in record["forecasts"]]
+    return out
+
+
+def goals(records: list[Record]) -> list[str]:
+    """Each goal, what was measured, and of how many by design."""
+    lines = [header("goal", "wanted", "measured (95 % interval)", *DESIGNS)]
+    judged = [(record["design"], outcomes(record)) for record in records]
+    for text, wanted in GOALS.items():
+        passed = {name: [is_so for design, out in judged if design == name for is_so in out[text]] for name in DESIGNS}
+        bound = f"{100 * wanted:.0f} %" if wanted > 0 else f"< {-100 * wanted:.0f} %"
+        cells = [f"{sum(held)}/{len(held)}" for held in passed.values()]
+        lines.append(row(text, bound, interval(is_so for held in passed.values() for is_so in held), *cells))
+    return lines
+
+
+def by_effect(records: list[Record]) -> list[str]:
+    """How each effect was named, by size: right / in a set of two / in a larger one / another name / missed."""
+    lines = [header("effect", "below 1 x", "1 x to 2 x", "2 x and above")]
+    for name in SIZES:
+        same = [effect for record in records for effect in record["effects"] if effect["effect"] == name]
+        cells = []
+        for low, high in ((0.0, 1.0), (1.0, CLEAR), (CLEAR, np.inf)):
+            counts = Counter(effect["answer"] for effect in same if low <= effect["multiple"] < high)
+            cells.append(" / ".join(str(counts[answer]) for answer in ANSWERS))
+        lines.append(row(f"`{name}`", *cells))
+    return lines
