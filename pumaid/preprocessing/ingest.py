@@ -1,5 +1,6 @@
 """Logs to a dataset: a file is a task on any executor (processes, a Dask cluster); results are merged in order."""
 
+import importlib
 import logging
 import multiprocessing
 import os
@@ -148,6 +149,7 @@ def local_processes(n_bytes: Sequence[int], jobs: int = 0) -> Iterator[Executor 
     if workers < 2:
         yield None
         return
+    importlib.import_module("pyarrow.parquet")  # once, before the processes part
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context(method), initializer=_start_worker)
     try:
