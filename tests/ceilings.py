@@ -1,7 +1,8 @@
 """What the house may cost as a whole; a room gives before another takes.
 
 The core has 26,000 lines, 15,000 statements (docstrings among them) and 22,000 lines of tests and tools. Any motion
-may add 2,500 lines, with statements and tests in proportion.
+may add 2,500 lines, with statements and tests in proportion; real arms so far 600 lines of tests and tools, which
+their benchmark takes.
 """
 
 CEILINGS = {
@@ -9,7 +10,7 @@ CEILINGS = {
     "statements": 16_400,
     "modules": 150,
     "import depth": 12,
-    "lines of tests and tools": 23_000,
+    "lines of tests and tools": 23_600,
     "words of documents": 30_000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

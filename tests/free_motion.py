@@ -91,14 +91,3 @@ def recorded(truth: Truth, wanted: np.ndarray, rng: np.random.Generator, *, coun
 def loaded(truth: Truth, mass: float) -> Truth:
     """The arm with a tool of so many kg."""
     return replace(truth, links=truth.links.loaded({"mass": mass, "x": 0.05, "y": 0.02, "z": 0.1, "time": 0.0}))
-
-
-def true_values(truth: Truth) -> dict[str, float]:
-    """Friction and ratios of gains by the names of their parameters."""
-    out = {}
-    for quantity in ("coulomb", "viscous"):
-        for side in ("plus", "minus"):
-            values = getattr(truth.friction, f"{quantity}_{side}")
-            out |= {f"{quantity}.j{j}.{side}": float(value) for j, value in enumerate(values, start=1)}
-    ratios = truth.gain[:-1] / truth.gain[1:]
-    return out | {f"gain_ratio.{j}.{j + 1}": float(ratio) for j, ratio in enumerate(ratios, start=1)}

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from free_motion import RATE, TICKS, picks, reach, recorded, true_values, waves
+from free_motion import RATE, TICKS, picks, reach, recorded, waves
 
 from pumaid.dataset import Log
 from pumaid.diagnosis.compare import compare
@@ -35,11 +35,11 @@ def model(name: str, way: str, seed: int) -> Estimate:
 
 
 def test_intervals_hold_the_truth_of_arms_at_work():
-    """95 % intervals of friction and ratios hold, errors are of the noise."""
+    """95 % intervals of friction, gravity and ratios hold, errors are of the noise."""
     holds, scores = [], []
     for name, way in (("puma560", "waves"), ("ur5e", "picks"), ("stanford", "waves")):
         truth, estimate = worked(name, way, 31)[0], model(name, way, 31)
-        exact = true_values(truth)
+        exact = truth.parameters()
         for value in estimate.values:
             if value.name in exact and value.std_error is not None:
                 holds.append(value.ci95[0] <= exact[value.name] <= value.ci95[1])
@@ -113,6 +113,6 @@ def test_a_ratio_is_told_only_where_the_likelihood_bounds_it(seed, moving, is_sh
     truth = draw(robot, seed)
     estimate = identify(segment([recorded(truth, wanted, rng, counts=2e4)], robot), robot)
     value = next(value for value in estimate.values if value.name == "gain_ratio.4.5")
-    exact = true_values(truth)[value.name]
+    exact = truth.parameters()[value.name]
     assert (value.std_error is not None) == is_shown
     assert not is_shown or abs(value.value - exact) < 4.0 * value.std_error < abs(exact)
