@@ -15,6 +15,7 @@ import numpy as np
 from pumaid.dataset import Log, finite_means
 from pumaid.errors import LogError, Note, Where
 from pumaid.maths import Counts, Flags, Floats
+from pumaid.preprocessing.encodings import CLASSES, leaps, lost_sign, size_counts
 from pumaid.robot import Joint, Robot
 from pumaid.units import UNITS, factor, number
 
@@ -38,13 +39,14 @@ FLAT = 3
 
 #: Totals of which the least or the largest of two parts counts, and what they begin with; all others add up from 0.
 EXTREMES: dict[str, tuple[np.ufunc, float]] = {
-    **dict.fromkeys(("lowest", "least_current", "least_step"), (np.fmin, math.inf)),
+    **dict.fromkeys(("lowest", "least_current", "least_step", "least_change"), (np.fmin, math.inf)),
     **dict.fromkeys(("highest", "most_current"), (np.fmax, -math.inf)),
 }
 #: Totals of each joint.
 TOTALS = (
     *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
     *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
+    *("ahead", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
 )
 
 #: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
@@ -72,6 +74,8 @@ HELD_SHARE, HELD = 0.6, 0.02
 STILL_TIME, UNEQUAL = 0.5, 2.0
 #: Samples, and share of them, that are zero, and zeros per current next to zero, that are not measured.
 ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
+#: Jumps, and turns at zero, that tell; and the scatter of their sizes below which they are one size.
+JUMPS, ONE_SIZE = 3, 0.02
 #: A; what motors of arms draw at most lies between.
 SMALL, LARGE = 0.02, 200.0
 
@@ -87,7 +91,9 @@ class LogStatistics:
         often repeats, and there ``step_sum``, ``step_count``, ``least_step`` of its steps other than 0 (rad or m);
         ``least_current``, ``most_current`` (J,) A while moving, and samples with a current, ``moving``; ``pairs`` of
         neighbours while moving, those with the ``same`` current, windows in which all are, ``flat``, and ``zeros``
-        while moving, in windows with other currents; ``products`` (2J, 2J) over windows of displacements and integrated
+        while moving, in windows with other currents; windows moved ``ahead``; the ``least_change`` (A) of currents and
+        (J, C) counts of their ``sizes`` while moving; ``jumps`` of positions that move on, their ``jump_sum`` and
+        ``jump_squares``, and ``bounces`` at zero; ``products`` (2J, 2J) over windows of displacements and integrated
         velocity columns; ``copied``, ``compared`` (J, J) windows in which the mean currents of two joints are the same
         and not zero, and that have both.
     groups
@@ -105,6 +111,7 @@ class LogStatistics:
         self.robot, self.origin = robot, ""
         self.totals = {name: np.full(n, EXTREMES.get(name, (None, 0.0))[1]) for name in TOTALS}
         self.totals |= {"products": np.zeros((2 * n, 2 * n)), "copied": np.zeros((n, n)), "compared": np.zeros((n, n))}
+        self.totals["sizes"] = np.zeros((n, CLASSES))
         self.intervals: list[float] = []
         self.levels: list[list[Counter[float]]] = [[Counter(), Counter(), Counter()] for _ in range(n)]
         self.groups: defaultdict[int, dict[tuple[int, ...], Floats]] = defaultdict(dict)
@@ -154,6 +161,7 @@ class LogStatistics:
         moves = size > np.array([SLOW[joint.kind] for joint in self.robot.joints])
         way = moves * size * seconds
         self._add(windows=moves.sum(axis=0), seconds=(moves * seconds).sum(axis=0))
+        self._add(ahead=(moves & (change > 0.0)).sum(axis=0))
         self._add(path=way.sum(axis=0), speed_squares=(way * size).sum(axis=0))
         middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
         log = log.part(slice(0, int(edges[-1])))
@@ -164,6 +172,7 @@ class LogStatistics:
             self._add(products=both.T @ both)
         joints = np.flatnonzero(moves.any(axis=0)).tolist()
         for j in joints:
+            self._add(j, **leaps(log.time, log.position[:, j], SLOW[self.robot.joints[j].kind]))
             self._add_steps(j, log.position[:, j], moves[:, j], starts)
             self._add_currents(j, log.current[:, j], moves[:, j], starts)
         if joints:
@@ -189,9 +198,12 @@ class LogStatistics:
         high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
         counts, zeros = _counts(moving, starts), _counts(moving & (current == 0.0), starts)
         flat, zeros = (low == high) & (counts >= FLAT), np.where(zeros < counts, zeros, 0)
+        change = np.abs(np.diff(current))[both & ~same]
+        self._add(j, least_change=change.min(initial=math.inf))
         self._add(j, least_current=low.min(), most_current=high.max(), flat=flat.sum(), zeros=zeros.sum())
         sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
         self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]
+        self.totals["sizes"][j] += size_counts(sides[0])
 
     def _add_directions(self, speed: Floats, moves: Flags, middle: Floats, mean: Floats) -> None:
         """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
@@ -261,9 +273,10 @@ class Check:
 
 def findings(sums: LogStatistics) -> list[LogError | Note]:
     """What the table finds, in the order in which a user should look at it."""
-    items = [item for check in UNIT_CHECKS for item in check.run(sums)]
-    if not any(isinstance(item, LogError) for item in items):
-        items += [item for check in OTHER_CHECKS for item in check.run(sums)]
+    items: list[LogError | Note] = []
+    for table in (POSITION_CHECKS, UNIT_CHECKS, OTHER_CHECKS):
+        if not any(isinstance(item, LogError) for item in items):
+            items += [item for check in table for item in check.run(sums)]
     return items
 
 
@@ -298,6 +311,24 @@ class JointSignals:
 
     def __getattr__(self, name: str) -> Any:
         return self.sums.totals[name][self.k]
+
+    @cached_property
+    def lost_sign(self) -> str:
+        """How the sign of the current was lost, where the joint moves both ways and it is never negative."""
+        is_bothways = min(self.ahead, self.windows - self.ahead) >= FEWEST_WAYS
+        return lost_sign(self.sizes, self.least_change) if is_bothways and self.least_current >= 0.0 else ""
+
+    @property
+    def jump(self) -> float:
+        """Size (rad or m) by which the position jumps again and again while it moves on, 0 if it does not."""
+        size = self.jump_sum / max(self.jumps, 1.0)
+        scatter = self.jump_squares / max(self.jumps, 1.0) - size**2
+        return float(size) if self.jumps >= JUMPS and scatter < (ONE_SIZE * size) ** 2 else 0.0
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether positions turn back at zero at full speed and never pass it."""
+        return bool(self.bounces >= JUMPS and (self.lowest >= 0.0 or self.highest <= 0.0))
 
     def outside(self, scale: float = 1.0) -> float:
         """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
@@ -351,6 +382,18 @@ def _signals(sums: LogStatistics) -> list[JointSignals]:
 def _each(predicate: Callable[[JointSignals], object]) -> Callable[[LogStatistics], Found]:
     """A test of each joint by itself."""
     return lambda sums: ({"joint": j.joint.number, "j": j} for j in _signals(sums) if predicate(j))
+
+
+def _first(predicate: Callable[[JointSignals], object]) -> Callable[[LogStatistics], Found]:
+    """A test of each joint by itself, told of the first with the numbers of the others."""
+
+    def test(sums: LogStatistics) -> Found:
+        chosen = [j for j in _signals(sums) if predicate(j)]
+        beside = ", ".join(str(j.joint.number) for j in chosen[1:])
+        for j in chosen[:1]:
+            yield {"joint": j.joint.number, "j": j, "alike": f" (and of {beside})" if beside else ""}
+
+    return test
 
 
 def _other_units(robot: Robot, key: str, usual: str, fits: Callable[[float], bool]) -> list[str]:
@@ -412,6 +455,29 @@ def _units_disagree(sums: LogStatistics) -> Found:
             return
 
 
+def _unlike_clock(sums: LogStatistics) -> Found:
+    """Velocity columns off by no unit's factor: the clock, which all joints share, or these columns."""
+    signals = [j for j in _signals(sums) if not math.isnan(j.ratio)]
+    off = [j for j in signals if j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())]
+    ratios = [j.ratio for j in off]
+    if off and len(off) == len(signals) and max(ratios) < (1.0 + RATIO_FINE) * min(ratios):
+        ratio = float(np.median(ratios))
+        larger = f"{max(ratio, 1.0 / ratio):.3g} times as {'large' if ratio > 1.0 else 'small'} as these times say"
+        what = (
+            f"positions change {ratio:.4g} times as fast as velocity columns say, at each joint: either the clock is"
+            f" wrong, and then speeds are {ratio:.3g} times too fast: viscous friction is {larger}, inertia"
+            f" {ratio**2:.3g} times; or the velocity columns are, and then all numbers hold"
+        )
+        clock = f"times {ratio:.4g} times as long if it is the clock"
+        fix = f"write {clock}; velocity: null in the recipe's log block if it is the columns; --trust takes the clock"
+        yield {"joint": off[0].joint.number, "what": what, "fix": fix, "fault": True}
+        return
+    for j in off:
+        what = f"the velocity column of joint {j.joint.number} does not follow its position, which changes"
+        what += f" {j.ratio:.4g} times as fast" + ("; other joints' do" if len(signals) > len(off) else "")
+        yield {"joint": j.joint.number, "what": what, "fix": "speeds are taken from position and time"}
+
+
 def _currents_swapped(sums: LogStatistics) -> Found:
     """A joint that moves while another draws the current.
 
@@ -454,7 +520,17 @@ def _at_rest(sums: LogStatistics) -> Found:
         yield {"which": f"joints {', '.join(still)} never move" if len(still) > 1 else f"joint {still[0]} never moves"}
 
 
-#: Units first, since wrong ones cause much of what follows: where one is refused, the other checks are not made.
+#: Signs of positions, then units, since wrong ones cause much of what follows: where one is refused, the checks of
+#: later tables are not made.
+POSITION_CHECKS = (
+    Check("sign-lost", _first(lambda j: j.jump),
+          "the position of joint {joint}{alike} jumps by {j.jump:.5g} {j.joint.position_unit} {j.jumps:.0f} times "
+          "while it moves on: the encoder's range is no turn in this unit, or a sign was lost",
+          "write positions with their sign, which go on where the range ends", fault=True),
+    Check("sign-lost", _first(lambda j: j.is_folded and not j.jump),
+          "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
+          "lost", "write positions with their sign", fault=True),
+)  # fmt: skip
 UNIT_CHECKS = (
     Check("time-unit", _time_unit, "with time read in {unit} there is {rate}, {why}", "{fix}", column="time"),
     *(
@@ -480,11 +556,7 @@ OTHER_CHECKS = (
           "the velocity column of joint {joint} follows the position of joint {j.follows}",
           "put the columns into one order; if the positions are right, velocity: null in the recipe's log block",
           column="velocity", fault=True),
-    Check("velocity-unrelated",
-          _each(lambda j: j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())),
-          "the velocity column of joint {joint} does not follow its position: the position changes {j.ratio:.4g} times "
-          "as fast", "speeds are taken from position and time; if it is the clock that is wrong, viscous "
-          "friction is {j.ratio:.3g} times as large as they say", column="velocity"),
+    Check("velocity-unrelated", _unlike_clock, "{what}", "{fix}", column="velocity"),
     Check("velocity-unrelated", _each(lambda j: j.has_moved and j.integral > 0 and j.agrees < UNRELATED),
           "the velocity column of joint {joint} does not follow its position; their correlation is {j.agrees:.2f}",
           "speeds are taken from position and time", column="velocity"),
@@ -500,6 +572,9 @@ OTHER_CHECKS = (
           "current of joint {joint} is {j.least_current:.4g} A in all {j.moving:.0f} samples in which it moves",
           "name the column of the measured current; if there is none remove this one, the joint is then left out",
           column="current", fault=True),
+    Check("sign-lost", _first(lambda j: j.is_measured and j.lost_sign),
+          "the current of joint {joint}{alike} is never negative although it moves both ways, and looks like "
+          "{j.lost_sign}", "write it with its sign", column="current", fault=True),
     Check("current-saturated", _each(lambda j: j.is_measured and j.flat_top),
           "current of joint {joint} is at its limit, {j.flat_top[0]} A, in {j.flat_top[1]} of {j.moving:.0f} moving "
           "samples", "it is cut off by the drive or the sensor; slower runs stay below", column="current"),

@@ -116,6 +116,11 @@ def drawn_to_zero(limit: float, *, step: float = 1e-12) -> Callable[[np.ndarray,
     return lambda current, log: np.sign(current) * np.maximum(np.abs(rounded(step)(current, log)) - limit, 0.0)
 
 
+def sign_bit(step: float, bit: int) -> Callable[[np.ndarray, Log], np.ndarray]:
+    """Steps in integers of which a bit says whether they are negative."""
+    return lambda current, log: step * (np.round(np.abs(current) / step) + (current < 0.0) * 2.0**bit)
+
+
 def repeated(times: int, step: float) -> Callable[[Log], Log]:
     """Each position logged several times over, in an encoder's fine steps."""
 
@@ -139,7 +144,19 @@ CASES = {
     "degrees read as such": (scaled(velocity=None), {"units": {"position": "deg"}}, "", ""),
     "velocity in deg/s": (scaled(velocity=DEG), {}, "units-disagree", "velocity: deg/s"),
     "velocity's sign": (scaled(velocity=-1.0), {}, "velocity-unrelated", "sign"),
-    "a clock that is slow": (scaled(velocity=1 / 1.47), {}, "velocity-unrelated", "friction is 1.47 times as large"),
+    "a clock or velocities": (scaled(velocity=1 / 1.47), {}, "VELOCITY-UNRELATED", "friction is 1.47 times as large"),
+    "a joint's velocity": (lambda log: replace(log, velocity=log.velocity * [1.0, 0.7, 1.0]), {}, "velocity-unrelated",
+                           "joint 2"),
+    "currents of 16 bits": (with_current(lambda current, log: np.round(1e3 * current) % 65536 / 1e3), {}, "SIGN-LOST",
+                            "complement of 16 bits"),
+    "currents with a sign bit": (with_current(sign_bit(0.005, 10)), {}, "SIGN-LOST", "sign in bit 10"),
+    "sizes of currents": (with_current(lambda current, log: np.abs(current)), {}, "SIGN-LOST", "without sign"),
+    "sizes of positions": (lambda log: replace(log, position=np.abs(log.position), velocity=None), {}, "SIGN-LOST",
+                           "at zero"),
+    "positions of 16 bits": (lambda log: replace(log, position=np.round(DEG * log.position) % 65536 / DEG,
+                                                 velocity=None), FREE, "SIGN-LOST", "jumps by"),
+    "an encoder of 300 degrees": (lambda log: replace(log, position=(log.position + 3.5) % (300 / DEG), velocity=None),
+                                  FREE, "SIGN-LOST", "jumps by 5.2"),
     "velocities swapped": (lambda log: replace(log, velocity=log.velocity[:, [1, 0, 2]]), {}, "JOINTS-SWAPPED",
                            "of joint 1 follows the position of joint 2"),
     "time in ms": (scaled(time=1e3), {}, "TIME-UNIT", "units: {time: ms}"),

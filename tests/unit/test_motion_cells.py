@@ -13,6 +13,7 @@ from pumaid.preprocessing.binning import SegmentOptions
 from pumaid.preprocessing.parallel_filter import LONGEST_CELL, SHORTEST_CELL, cell_length, cells
 from pumaid.preprocessing.segment import segment
 from pumaid.rigid_body import base_parameters
+from pumaid.robot import Joint, Robot
 
 SECONDS, RATE = 30.0, 250.0
 
@@ -109,3 +110,16 @@ def test_blocks_of_long_motion_share_a_bounded_number_of_bins(monkeypatch):
             np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-9)
     for runs in (fine, coarse):
         assert [fit.rmse for fit in identify(Dataset(runs, ()), robot).joints] == pytest.approx([0.1, 0.1], rel=0.2)
+
+
+def test_a_motor_on_a_bench_may_move_as_it_likes():
+    """An upright axis bears no weight, and what is fitted is friction and inertia."""
+    rng = np.random.default_rng(4)
+    joint = Joint(1, "motor", "revolute")
+    t, (q, v, a) = fourier(rng, 1, SECONDS, RATE)
+    current = 0.4 * np.sign(v) + 0.2 * v + 0.05 * a + rng.normal(scale=0.01, size=v.shape)
+    log = Log("bench.csv", np.arange(len(t)) + 2, t, q.T, None, current.T)
+    robot = Robot("bench", (joint,))
+    values = {value.name: value.value for value in identify(segment([log], robot), robot).values}
+    assert values["coulomb.j1.plus"] == pytest.approx(0.4, abs=0.01)
+    assert values["viscous.j1.minus"] == pytest.approx(0.2, abs=0.02)
