@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
 pytest.importorskip("mujoco", reason="the arms are MuJoCo's (pip install pumaid[test])")
 
-from blind_world.case import Case, drawn
+from blind_world.busy_tables import GOALS, busy_page, outcomes
+from blind_world.case import Case, busy_cases, drawn
 from blind_world.effects import CATALOGUE
 from blind_world.gravity import holding
 from blind_world.hidden import Strokes, Unfit, signature, sized
@@ -22,6 +24,8 @@ from blind_world.world import noises, sensed, write_experiment
 pytestmark = pytest.mark.slow
 
 KINDS = ("puma", "stanford", "ur")
+#: Share of effects at twice their limit and above that are named in thin busy arms, by docs/validation.md.
+PUBLISHED = 0.6
 
 
 def thin(name: str, kind: str, size: float = 1.0) -> Case:
@@ -120,8 +124,12 @@ def test_motion_that_accelerates_lies_in_the_base_model(design):
         assert np.sqrt(np.mean(left**2)) < 0.05 * world.noise.sigma[joint]
 
 
-@pytest.mark.parametrize(("group", "name", "kind"), [("thin", "ripple", "puma"), ("effect", "position_friction", "ur")])
-def test_a_hidden_effect_is_named(group, name, kind):
-    """At three times its limit, in the thin and the full design, named first or in a set of at most two."""
-    record = judged(Case(group, (name,), kind, 3.0, 0, 7))
-    assert record["outcome"] in ("first", "set") and record["sets"][0] <= 2
+def test_a_share_of_the_busy_arms():
+    """A thin busy arm: effects at twice their limit and above are named as often as in docs/validation.md.
+
+    The share there is PUBLISHED; fewer are named by chance in one of a thousand.
+    """
+    record = judged(*busy_cases(5006, 1))
+    named = outcomes(record)[next(iter(GOALS))]
+    assert len(named) >= 8 and sum(named) >= binom.ppf(0.001, len(named), PUBLISHED)
+    assert busy_page([record]).startswith("1 busy arms, seeds 5006 to 5006; 0 ended in an error")

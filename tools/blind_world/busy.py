@@ -20,17 +20,16 @@ BUILDERS = CATALOGUE | OUTSIDE | {"backlash": backlash, "snag": snag}
 #: Chances of zero to five effects at a joint.
 COUNTS = (0.3, 0.2, 0.2, 0.15, 0.1, 0.05)
 #: Each effect's weight in the draw, and its smallest and largest size: of the load (1), rad, of a spring's largest,
-#: and else of the mean Coulomb friction. Sources:
-#: - load_friction: gears lose 0.07 of a pendulum's load (docs/validation.md); strain-wave gears 10 to 30 % (makers).
-#: - stribeck, viscous_power: R. Waiboer et al., ECCOMAS Multibody Dynamics 2005; A. C. Bittencourt and
-#:   S. Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013: friction at standstill up to half as much again as at
-#:   its least, viscous friction that grows with a power of speed.
-#: - warmup: the same, and L. Simoni et al., Robotica 37 (2019): a cold joint has 10 to 40 % more.
-#: - ripple: T. D. Tuttle and W. P. Seering, IEEE Trans. Robotics and Automation 12 (1996) 368-374: one and two waves a
-#:   turn of the wave generator; a UR3e has 199 waves a turn of 0.06 of its friction (docs/validation.md).
-#: - coupling: the wrist of a PUMA 560 (S.-K. Lin, eq. 38-40).
-#: - backlash: 0.1 deg of a new gear, 1 deg of a worn one (E. Giovannitti et al., J. Intelligent Manufacturing 2022).
-#: - position_friction, spring, local_bump, snag: nothing published that is general; sizes between the others'.
+#: and else of the mean Coulomb friction. Where published:
+#: - load_friction: 0.07 of a pendulum's load (docs/validation.md); 22 to 27 % are lost in a strain-wave gear
+#:   (Harmonic Drive AG, engineering data CSD-2A, 2014).
+#: - stribeck, viscous_power, warmup: A. C. Bittencourt and S. Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012)
+#:   051013; R. Waiboer et al., Multibody Dynamics 2005; L. Simoni et al., Robotica, 10.1017/S0263574717000509. They
+#:   have the laws; that a cold joint has 10 to 40 % more, and half as much again at rest, is common experience.
+#: - ripple: one and two waves a turn of the wave generator (T. D. Tuttle and W. P. Seering, IEEE Trans. Robotics and
+#:   Automation 12 (1996) 368-374); 199 waves a turn of a UR3e with 0.06 of its friction (docs/validation.md).
+#: - coupling: the wrist of a PUMA 560 (S.-K. Lin, eq. 38-40). backlash: up to 15 arcmin new (makers of planetary
+#:   gears), 1 deg worn. Nothing general is published of the others: their sizes lie between.
 SIZES: dict[str, tuple[float, float, float]] = {
     "load_friction": (3.0, 0.04, 0.2),
     "stribeck": (3.0, 0.1, 0.5),

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 
 from blind_world.busy import DESIGNS, SIZES
-from blind_world.tables import Record, header, interval, row
+from blind_world.tables import Record, goal, header, row
 
 #: How an effect was named, as `score.answers` says.
 ANSWERS = ("right", "pair", "set", "wrong", "missed")
@@ -18,7 +18,7 @@ GOALS = {
     "ripple at 2 x and above: right, or in a set of two": 0.95,
     "joints without an effect: something is missing": -0.02,
     "joints with an effect above its stated limit: called clean": -0.05,
-    "joints: error on unseen runs within 5 % of the true model's": 0.90,
+    "joints whose unseen runs can be told: their error within 5 % of the true model's": 0.90,
     "forecasts of that error: within 5 % of what came": 0.95,
     "joints at the floor: called unexplained": -0.01,
     "outside the catalogue: unexplained, or explained to the noise": 0.95,
@@ -56,12 +56,14 @@ def outcomes(record: Record) -> dict[str, list[bool]]:
             false.append(not is_quiet)
         if any(effect["above"] for effect in effects):
             clean.append(is_quiet)
-        near.append(after is not None and after <= 1.0 + NEAR)
-        if near[-1] and all(e["answer"] in ANSWERS[:3] or e["multiple"] < 1.0 for e in effects):
+        is_near = after is not None and after <= 1.0 + NEAR
+        near += [is_near] * (after is not None)
+        if is_near and all(e["answer"] in ANSWERS[:3] or e["multiple"] < 1.0 for e in effects):
             floor.append(is_unexplained)
         if any(effect["multiple"] >= CLEAR and not effect["inside"] for effect in effects):
-            outside.append(is_unexplained or near[-1])
-            worse += [after >= before] * (not all(finding["right"] for finding in findings))
+            outside.append(is_unexplained or is_near)
+            if after is not None and not all(finding["right"] for finding in findings):
+                worse.append(after >= before)
     forecasts += [bool(abs(item["told"] / item["came"] - 1.0) <= NEAR) for item in record["forecasts"]]
     return out
 
@@ -72,9 +74,8 @@ def goals(records: list[Record]) -> list[str]:
     judged = [(record["design"], outcomes(record)) for record in records]
     for text, wanted in GOALS.items():
         passed = {name: [is_so for design, out in judged if design == name for is_so in out[text]] for name in DESIGNS}
-        bound = f"{100 * wanted:.0f} %" if wanted > 0 else f"< {-100 * wanted:.0f} %"
         cells = [f"{sum(held)}/{len(held)}" for held in passed.values()]
-        lines.append(row(text, bound, interval(is_so for held in passed.values() for is_so in held), *cells))
+        lines.append(goal(text, wanted, (is_so for held in passed.values() for is_so in held), *cells))
     return lines
 
 

@@ -17,7 +17,7 @@ from blind_world.motion import FULL, THIN, motion_of
 from blind_world.oracle import Oracle
 from blind_world.world import State, World, draw_world, noises
 
-SIZES, OUTSIDE_SIZES, THIN_SIZE = (0.7, 1.0, 1.5, 2.0, 3.0), (3.0, 5.0), 2.0
+SIZES, OUTSIDE_SIZES = (0.7, 1.0, 1.5, 2.0, 3.0), (3.0, 5.0)
 #: Group of arms with several effects at a joint.
 BUSY = "busy"
 #: Effects of the whole arm, whichever joint they are asked for.
@@ -70,10 +70,6 @@ def cases(seeds: Sequence[int], clean: int) -> Iterator[Case]:
             yield Case("clean", (), kinds[number % len(kinds)], 0.0, number, seed)
         for name, kind, size in itertools.product(OUTSIDE, kinds, OUTSIDE_SIZES):
             yield Case("outside", (name,), kind, size, 0, seed)
-        for name, kind in itertools.product(CATALOGUE, kinds):
-            yield Case("thin", (name,), kind, THIN_SIZE, 0, seed)
-        for number in range(clean // 10):
-            yield Case("thin", (), kinds[number % len(kinds)], 0.0, number, seed)
 
 
 def busy_cases(first_seed: int, count: int) -> list[Case]:

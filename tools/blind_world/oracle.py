@@ -126,12 +126,12 @@ class Oracle:
         """Currents (N, J) at the rows of each joint's fitted runs."""
         return {joint: current[rows, joint] for joint, rows in enumerate(self.joints)}
 
-    def fit(self, measured: Floats, effects: list[Floats], start: Floats) -> tuple[Floats, Floats]:
+    def fit(self, measured: Floats, effects: list[Floats], start: Floats, about: float = 1.0) -> tuple[Floats, Floats]:
         """Weighted fit of the base model and of known signatures to `measured`.
 
         All are (N, J) A; `start` are the currents of the true base model, about which it is linearised. Returns changes
-        of the base parameters, and an amplitude of each signature (1 where it is as it was hidden; that is taken for
-        known to 100 %, so that what no run tells stays there).
+        of the base parameters, and an amplitude of each signature (1 where it is as it was hidden); what no run tells
+        of these stays where `start` is, and at `about`, to which an amplitude is known within 1.
         """
         p = len(self.root)
         gram, right = np.zeros((p + len(effects),) * 2), np.zeros(p + len(effects))
@@ -142,7 +142,7 @@ class Oracle:
             gram += block.T @ block
             right += block.T @ white[:, 0]
         gram[range(p, len(gram)), range(p, len(gram))] += 1.0
-        right[p:] += 1.0
+        right[p:] += about
         root = inverse_root(gram)
         found = root @ (root.T @ right)
         return found[:p], found[p:]

@@ -21,14 +21,17 @@ from pumaid.dataset import Dataset
 from pumaid.diagnosis.diagnose import diagnose
 from pumaid.diagnosis.records import ADD, Diagnosis, Finding
 from pumaid.effects import catalogue
-from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.experiment import Experiment as Logs
 from pumaid.results.documents import read_model
-from pumaid.robot import EffectChoice, Robot
+from pumaid.robot import Robot
 
 Floats = NDArray[np.float64]
+
+
+#: Difference of two predictions, in RMSE, from which the fitted runs do not tell them.
+OPEN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +89,10 @@ def judged(case: Case) -> dict[str, Any]:
         folder = Path(scratch)
         write_experiment(folder, experiment.world, sensed(experiment.world, experiment.state, experiment.noise))
         session = Session.of_folder(folder)
+        last, steps = session.applied(folder)
         if case.group == BUSY:
-            return record | busy(experiment, session, *session.applied(folder))
-        return record | said(experiment, session) | heldout(experiment, session)
+            return record | busy(experiment, session, last, steps)
+        return record | said(experiment, session) | heldout(experiment, session, last)
 
 
 def names(hidden: Hidden, effect: str, joint: int | None) -> bool:
@@ -131,39 +135,40 @@ def said(experiment: Experiment, session: Session) -> dict[str, Any]:
     }
 
 
-def heldout(experiment: Experiment, session: Session) -> dict[str, Any]:
+def heldout(experiment: Experiment, session: Session, last: Session) -> dict[str, Any]:
     """Error on held-out runs before and after adding what was found, over that of the true model, felt joints only."""
-    best = true_rmse(experiment, session)
-
-    def ratio(estimate: Estimate) -> float:
-        errors = np.array([np.nan if joint.heldout is None else joint.heldout for joint in estimate.joints])
-        return float(np.sqrt(np.nanmean(np.square(errors / best)[felt(experiment)])))
-
-    choices = [EffectChoice(finding.effect, finding.joint, dict(finding.shape)) for finding in session.added]
-    try:
-        model = identify(session.dataset, session.robot, effects=choices) if choices else session.estimate
-    except PumaidError as error:
-        return {"before": ratio(session.estimate), "after": None, "refused": error.slug}
-    return {"before": ratio(session.estimate), "after": ratio(model)}
+    ratios = np.array([joint["ratios"] for joint in joints(experiment, session, last)], dtype=float)
+    before, after = np.sqrt(np.nanmean(np.square(ratios)[felt(experiment)], axis=0))
+    return {"before": before, "after": after}
 
 
-def true_rmse(experiment: Experiment, session: Session) -> Floats:
+def joints(experiment: Experiment, session: Session, last: Session) -> list[dict[str, Any]]:
+    """Each joint's verdicts before and after adding, and errors on held-out runs over the true model's."""
+    out = []
+    for first, ended, best in zip(
+        session.diagnosis.joints, last.diagnosis.joints, true_rmse(experiment).tolist(), strict=True
+    ):
+        errors = [model.joint(ended.joint).heldout for model in (session.estimate, last.estimate)]
+        ratios = [None if error is None or np.isnan(best) else error / best for error in errors]
+        out.append({"joint": ended.joint, "first": first.verdict, "last": ended.verdict, "ratios": ratios})
+    return out
+
+
+def true_rmse(experiment: Experiment) -> Floats:
     """(J,) A: RMSE on the program's own held-out runs of the true model, fitted with the true noise and shapes.
 
     The program reads a log of what the true model leaves, so that its bins are the same; at constant speed the true
-    model has no inertia either, so what a run kept of a ramp counts against it as against the program.
+    model has no inertia either, so what a run kept of a ramp counts against it as against the program. NaN where
+    held-out runs ask for what no fitted run tells: fits that start from the truth and from nothing differ there.
     """
     world, oracle = experiment.world, experiment.oracle
     measured = sensed(world, experiment.state, experiment.noise)
     base = world.resting.current
     effects = [applied(world, [pair], world.resting).current - base for pair in experiment.hidden]
-    values, amplitudes = oracle.fit(measured.current, effects, base)
-    left = measured.current - base
-    for amplitude, effect in zip(amplitudes, effects, strict=True):
-        left -= amplitude * effect
-    for joint in range(world.arm.n):
-        rows = world.rows(joint)
-        left[rows, joint] -= oracle.base(joint, rows) @ values
+    left, ignorant = (
+        measured.current - modelled(experiment, effects, oracle.fit(measured.current, effects, start, about), start)
+        for start, about in ((base, 1.0), (np.zeros_like(base), 0.0))
+    )
     with tempfile.TemporaryDirectory() as scratch:
         write_experiment(Path(scratch), world, State(left, measured.position))
         dataset = read(Path(scratch))[1]
@@ -173,7 +178,21 @@ def true_rmse(experiment: Experiment, session: Session) -> Floats:
             squares[run.joint - 1] += run.bins.count @ (run.bins.current**2 + run.bins.variance)
             counts[run.joint - 1] += run.bins.count.sum()
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(squares / counts))
+        best = np.asarray(np.sqrt(squares / counts))
+    for joint in range(world.arm.n):
+        rows = oracle.moving(joint)
+        late = rows[~oracle.fitted[rows]]
+        best[joint] *= 1.0 if np.std((left - ignorant)[late, joint]) < OPEN * best[joint] else np.nan
+    return best
+
+
+def modelled(experiment: Experiment, effects: list[Floats], fit: tuple[Floats, Floats], start: Floats) -> Floats:
+    """(N, J) A of the true model, fitted, at the rows in which each joint moves."""
+    out = start + sum((size * effect for size, effect in zip(fit[1], effects, strict=True)), np.zeros_like(start))
+    for joint in range(experiment.world.arm.n):
+        rows = experiment.world.rows(joint)
+        out[rows, joint] += experiment.oracle.base(joint, rows) @ fit[0]
+    return np.asarray(out)
 
 
 def busy(experiment: Experiment, session: Session, last: Session, steps: list[Estimate]) -> dict[str, Any]:
@@ -182,17 +201,12 @@ def busy(experiment: Experiment, session: Session, last: Session, steps: list[Es
     `session` is before, `last` after what was found is added, in `steps`.
     """
     findings = [*last.diagnosis.applied, *last.added]
-    best, joints = true_rmse(experiment, session), []
-    for first, ended in zip(session.diagnosis.joints, last.diagnosis.joints, strict=True):
-        errors = [model.joint(ended.joint).heldout for model in (session.estimate, last.estimate)]
-        ratios = [None if error is None else error / best[ended.joint - 1] for error in errors]
-        joints.append({"joint": ended.joint, "first": first.verdict, "last": ended.verdict, "ratios": ratios})
     return {
         "outcome": "done",
         "design": experiment.case.design,
         "rate": experiment.world.campaign.rate,
         "effects": answers(experiment, findings, last.diagnosis),
-        "joints": joints,
+        "joints": joints(experiment, session, last),
         "findings": [
             {"effect": item.effect, "joint": felt_at(item), "rivals": list(item.rivals), "shape": dict(item.shape)}
             | {"right": is_right(experiment, item)}

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from blind_world.case import SIZES
-from blind_world.effects import CATALOGUE, OUTSIDE
+from blind_world.effects import CATALOGUE
 
 Record = dict[str, Any]
 
@@ -39,17 +39,16 @@ def page(records: list[Record]) -> str:
     seeds = ", ".join(map(str, sorted({record["seed"] for record in records})))
     run = [record for record in records if record["outcome"] != "skipped"]
     crashed = [record["key"] for record in run if record["outcome"] == "crashed"]
-    sections = {"Goals": goals, "By size": by_size, "By effect": by_effect, "Outside the catalogue": outside}
+    sections = {"Goals": goals, "By size": by_size, "By effect": by_effect}
     parts = [f"{len(run)} experiments, seeds {seeds}; {len(crashed)} ended in an error: {', '.join(crashed) or 'none'}"]
     parts += [f"## {title}\n\n" + "\n".join(table(records)) for title, table in sections.items()]
     return "\n\n".join(parts) + "\n"
 
 
 def of_group(records: Iterable[Record], group: str, least: float = 0.0) -> list[Record]:
-    """Records of a group that were run, of at least a size; of the thin design only those that hide something."""
+    """Records of a group that were run, of at least a size."""
     chosen = [record for record in records if record["group"] == group and record["size"] >= least]
-    run = [record for record in chosen if record["outcome"] not in ("skipped", "crashed")]
-    return [record for record in run if group != "thin" or record["effects"]]
+    return [record for record in chosen if record["outcome"] not in ("skipped", "crashed")]
 
 
 def right_or_pair(record: Record) -> bool:
@@ -78,7 +77,7 @@ def honest(record: Record) -> bool:
 
 
 def goals(records: list[Record]) -> list[str]:
-    """Each goal, what was measured and whether it is reached; a negative one is an upper bound."""
+    """Each goal and what was measured."""
     at_two = of_group(records, "effect", 2.0)
     rows: tuple[tuple[str, Sequence[Record], Callable[[Record], bool], float], ...] = (
         ("at 2 x the limit and above: right, or in a set of at most two", at_two, right_or_pair, 0.95),
@@ -87,21 +86,20 @@ def goals(records: list[Record]) -> list[str]:
         ("outside the catalogue: unexplained, or explained to the noise", of_group(records, "outside"), honest, 0.90),
         ("at 2 x and above: held-out error within 5 % of the true model's", at_two, near_truth, 0.90),
     )
-    lines = [header("goal", "wanted", "measured (95 % interval)", "reached")]
-    for text, chosen, holds, wanted in rows:
-        passed = [holds(record) for record in chosen]
-        share = float(np.mean(passed)) if passed else np.nan
-        reached = share >= wanted if wanted > 0 else share < -wanted
-        bound = f"{100 * wanted:.0f} %" if wanted > 0 else f"< {-100 * wanted:.0f} %"
-        lines.append(row(text, bound, interval(passed), "yes" if reached else "no"))
-    return lines
+    lines = [goal(text, wanted, map(holds, chosen)) for text, chosen, holds, wanted in rows]
+    return [header("goal", "wanted", "measured (95 % interval)"), *lines]
+
+
+def goal(text: str, wanted: float, passed: Iterable[bool], *cells: str) -> str:
+    """A goal, the share that is wanted (negative: an upper bound) and what was measured."""
+    bound = f"{100 * wanted:.0f} %" if wanted > 0 else f"< {-100 * wanted:.0f} %"
+    return row(text, bound, interval(passed), *cells)
 
 
 def by_size(records: list[Record]) -> list[str]:
-    """Size, all effects and arms; and the thin design."""
+    """Size, all effects and arms."""
     effects = of_group(records, "effect")
     groups = {f"{size:g} x": [record for record in effects if record["size"] == size] for size in SIZES}
-    groups["thin"] = of_group(records, "thin")
     error = "held-out error over the true model's, before and after"
     lines = [header("size", "runs", "named first", "in the set", "wrong", "missed", "wrong and alone", error)]
     for name, group in groups.items():
@@ -125,17 +123,4 @@ def by_effect(records: list[Record]) -> list[str]:
         right = [right_or_pair(record) for record in run if record["size"] >= 2.0]
         reasons = {record["reason"] for record in of_effect if record["outcome"] == "skipped"}
         lines.append(row(f"`{name}`", *cells, f"{sum(right)}/{len(right)}", "; ".join(sorted(reasons))))
-    return lines
-
-
-def outside(records: list[Record]) -> list[str]:
-    """What happened to physics that no catalogue has."""
-    lines = [header("hidden", "runs", "unexplained", "explained to the noise", "nothing said", "first names")]
-    for name in OUTSIDE:
-        run = [record for record in of_group(records, "outside") if record["effects"] == [name]]
-        silent = [record for record in run if not record["unexplained"]]
-        names = Counter(record["findings"][0]["effect"] for record in run if spoke(record))
-        explained, nothing = sum(map(honest, silent)), sum(not spoke(record) for record in silent)
-        first = ", ".join(f"{effect} {count}" for effect, count in names.most_common(3)) or "-"
-        lines.append(row(f"`{name}`", len(run), len(run) - len(silent), explained, nothing, first))
     return lines
