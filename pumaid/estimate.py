@@ -48,7 +48,8 @@ class JointResult:
     """How well a model meets the runs of one joint (from 1), held-out ones apart unless there are no others.
 
     `rmse` (A) is over samples, `noise_floor` (A) the RMSE that no model goes below, or `noise_floor_reason` says why it
-    is not known; `heldout_runs` are those that the plan keeps for judging, `heldout` their RMSE (A), None without.
+    is not known, and where runs are blocks of any motion, `noise_inside` (A) what comes and goes within tenths of a
+    second; `heldout_runs` are those that the plan keeps for judging, `heldout` their RMSE (A), None without.
     """
 
     joint: int
@@ -57,6 +58,7 @@ class JointResult:
     rmse: float | None = None
     noise_floor: float | None = None
     noise_floor_reason: str | None = None
+    noise_inside: float | None = None
     heldout_runs: int = 0
     heldout: float | None = None
 

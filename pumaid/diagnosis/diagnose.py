@@ -44,7 +44,7 @@ from pumaid.diagnosis.stepwise import (
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
 from pumaid.errors import LogError, Note, Where
-from pumaid.estimate import Estimate
+from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins, distinct
@@ -387,17 +387,18 @@ class DiagnosisBuilder:
                 drawn.append((item.trial.added, residual))
         return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
-    def joint(self, joint: int, floor: float | None) -> JointDiagnosis:
-        """What is wrong at one joint (from 1); `floor` is the noise floor of the model (A), None where unknown."""
+    def joint(self, joint: int, fit: JointFit | None) -> JointDiagnosis:
+        """What is wrong at one joint (from 1), which the model fits like `fit`."""
         judged = self.verdicts.get(joint)
         if judged is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
         row, shape = self.fits[0].by_bin[joint], self._shape(joint)
-        split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=floor)
+        split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=fit.noise_floor if fit else None)
         return replace(
             judged,
             verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
+            noise_inside=fit.noise_inside if fit else None,
             budget={part.name: part.mean_square for part in split.parts},
             candidates=self._candidates(joint),
             unexplained=shape or judged.unexplained,
@@ -519,10 +520,10 @@ def diagnose(
     builder = DiagnosisBuilder(search)
     clocks = len({run.clock for run in runs})
     text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
-    floors = {fit.joint: fit.noise_floor for fit in estimate.joints}
+    fits = {fit.joint: fit for fit in estimate.joints}
     return Diagnosis(
         robot=robot.name,
-        joints=tuple(builder.joint(joint.number, floors.get(joint.number)) for joint in robot.joints),
+        joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
         findings=tuple(builder.finding(place, item) for place, item in enumerate(search.accepted)),
         model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},

@@ -153,7 +153,8 @@ class Repeats:
 class JointDiagnosis:
     """What is wrong at one joint: its `verdict`, in plain sentences in `text`.
 
-    `rmse` and `noise_floor` (A) are of the fitted runs; the floor and `repeats` are None where no run is repeated.
+    `rmse` and `noise_floor` (A) are of the fitted runs; the floor and `repeats` are None where no run is repeated;
+    `noise_inside` (A) is the noise inside blocks of any motion.
     `budget` are parts of the residual's mean square (A2) that add up to it. `candidates` passed or came near, best
     first; `limits` could not have been seen; `weakened` are sentences on what weakens this diagnosis.
     """
@@ -169,6 +170,7 @@ class JointDiagnosis:
     unexplained: Unexplained | None = None
     limits: tuple[Limit, ...] = ()
     weakened: tuple[str, ...] = ()
+    noise_inside: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

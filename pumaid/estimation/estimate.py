@@ -16,7 +16,7 @@ from pumaid.effect_spec import expanded
 from pumaid.effects import Family, Trace, load_refusal
 from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
-from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
+from pumaid.estimation.evaluate import JointPrediction, fast_squares, predictions, rmse
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import Progress, interval, two_sided
 from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_postures, reason
@@ -43,8 +43,6 @@ ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
 #: Multiple of the usual variance of a bin beyond which their mean is one of outliers (normal noise has 2.2 at most);
 #: bins from which a run's own outliers are found.
 SPIKY, ENOUGH = 15.0, 24
-#: s between cells of which third differences tell a block's noise: longer than drives and sensors remember.
-APART = 0.1
 #: Replicates of a joint that show a change, and the p-value below which it is one.
 FEWEST_REPEATS, CHANCE = 6, 1e-5
 #: Share of the noise floor that a change must be to matter; no change below a share of the current does, either.
@@ -418,12 +416,7 @@ def _inside(row: FitRow) -> tuple[Floats, Floats]:
     inside = bins.inside_left(bins.current - residual)
     samples = bins.sums(bins.count)
     squares = bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0)
-    for n in np.flatnonzero(bins.is_block):
-        cells = slice(bins.first[n], bins.first[n] + bins.lengths[n])
-        apart = max(min(round(APART / bins.step[n]), bins.lengths[n] // 4), 1)
-        third = np.convolve(row.misfit[cells], np.kron([1.0, -3.0, 3.0, -1.0], np.eye(1, apart)[0]), "valid")
-        squares[n] = np.average(bins.inside[cells], weights=bins.count[cells]) + np.mean(third**2) / 20.0
-    return squares, samples
+    return np.where(bins.is_block, fast_squares(bins, row.misfit), squares), samples
 
 
 def _spikes(prediction: JointPrediction) -> list[float]:

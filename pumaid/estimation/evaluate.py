@@ -26,6 +26,8 @@ Part = TypeVar("Part", float, Floats)
 
 #: Share of the largest term in an undetermined direction below which a term is not named.
 PART = 0.05
+#: s between cells of which third differences tell a block's noise: longer than drives and sensors remember.
+APART = 0.1
 #: A (A) below which a contribution is rounding.
 NOTHING = 1e-9
 #: An effect's share is stated where the data leave it open by no more than this share of the joint's RMS current (and
@@ -235,6 +237,12 @@ class JointPrediction:
         ]
         return noise_floor(pairs(runs))
 
+    def noise_inside(self) -> float | None:
+        """RMS (A) of a sample of what comes and goes within tenths of a second in `counted` blocks; None without."""
+        blocks = np.flatnonzero(self.bins.is_block & self.counted)
+        square = fast_squares(self.bins, self.residual)[self.bins.is_block & self.counted]
+        return float(np.sqrt(np.average(square, weights=self.samples[blocks]))) if len(blocks) else None
+
     def groups(self) -> Groups:
         """The effects by what `counted` runs tell apart: each alone, or those known only together.
 
@@ -287,6 +295,7 @@ class JointPrediction:
             "rmse": rmse([(self, self.counted)]),
             "noise_floor": floor,
             "noise_floor_reason": why,
+            "noise_inside": self.noise_inside(),
             "heldout_runs": int(self.heldout.sum()),
             "heldout": rmse([(self, self.heldout)]),
         }
@@ -329,6 +338,17 @@ class JointPrediction:
         size = np.sqrt(np.mean((used * estimate.blind[:, int(np.argmax(off))]) ** 2, axis=0))
         names = [model.names[k] for k in np.argsort(-size)[:3] if size[k] > PART * size.max()]
         return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
+
+
+def fast_squares(bins: JointBins, residual: Floats) -> Floats:
+    """(R,) A2 of a sample of each block that comes and goes within some tenths of a second; NaN of other runs."""
+    out = np.full(len(bins.runs), np.nan)
+    for n in np.flatnonzero(bins.is_block):
+        cells = slice(bins.first[n], bins.first[n] + bins.lengths[n])
+        apart = max(min(round(APART / bins.step[n]), bins.lengths[n] // 4), 1)
+        third = np.convolve(residual[cells], np.kron([1.0, -3.0, 3.0, -1.0], np.eye(1, apart)[0]), "valid")
+        out[n] = np.average(bins.inside[cells], weights=bins.count[cells]) + np.mean(third**2) / 20.0
+    return out
 
 
 def predictions(estimate: Estimate, dataset: Dataset, robot: Robot) -> dict[int, JointPrediction]:

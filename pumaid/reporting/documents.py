@@ -143,7 +143,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """The entries of a comparison's JSON document after its heading."""
     return {
         "joints": [
-            _entries(score, "joint samples rmse bias explained noise_floor noise_floor_reason shares")
+            _entries(score, "joint samples rmse bias explained noise_floor noise_floor_reason noise_inside shares")
             | {
                 "current_rms": score.rms,
                 "not_told_apart": [name.split(TOGETHER) for name in score.shares if TOGETHER in name],

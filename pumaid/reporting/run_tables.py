@@ -63,14 +63,9 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     cells = [float(np.median(np.diff(run.bins.time))) for run in dataset.runs if run.kind == BLOCK]
     if cells:
         caption += f" Cells of blocks last {number(1e3 * min(cells), 3)} to {number(1e3 * max(cells), 3)} ms."
-    return Table(
-        f"{robot.name}: {counted_runs(dataset.runs)}",
-        (*head, "samples", "kind"),
-        rows,
-        notes,
-        caption,
-        words=(1, 3, 4, 8),
-    )
+    header = (*head, "samples", "kind")
+    table = Table(f"{robot.name}: {counted_runs(dataset.runs)}", header, rows, notes, caption, words=(1, 3, 4, 8))
+    return table.columns([k for k in range(len(header)) if any(row[k] != "-" for row in rows) or not rows])
 
 
 def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
@@ -85,24 +80,12 @@ def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -
         postures = {tuple(np.round(np.delete(run.posture, joint.number - 1), 1)) for run in steady}
         sides = [sorted({number(speed, 3) for speed in side}, key=lambda text: abs(float(text))) for side in speeds]
         ranges = [" to ".join(side[:: max(1, len(side) - 1)]) or "-" for side in sides]
-        head = [f"{joint.number} {joint.name}", *kinds, *ranges, unit, str(len(postures) or "-")]
+        head = [f"{joint.number} {joint.name}", *kinds, *ranges, unit if steady else "-", str(len(postures) or "-")]
         rows.append([*head, number(sum(run.duration for run in runs), 4) if runs else "-"])
-    return Table(
-        "Runs by joint",
-        (
-            "joint",
-            "constant",
-            "strokes",
-            "blocks",
-            "forward speeds",
-            "backward speeds",
-            "unit",
-            "postures",
-            "time (s)",
-        ),
-        rows,
-        words=(0, 4, 5, 6),
-    )
+    ways = ("forward speeds", "backward speeds", "unit")
+    header = ("joint", "constant", "strokes", "blocks", *ways, "postures", "time (s)")
+    table = Table("Runs by joint", header, rows, words=(0, 4, 5, 6))
+    return table.columns([k for k in range(len(header)) if k == 0 or any(row[k] != "-" for row in rows)])
 
 
 def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:

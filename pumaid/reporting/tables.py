@@ -1,5 +1,7 @@
 """Tables of a model, a comparison, a diagnosis and a history, and what the terminal shows of the last three."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pumaid.diagnosis.records import (
@@ -13,7 +15,7 @@ from pumaid.diagnosis.records import (
     JointDiagnosis,
 )
 from pumaid.effects import catalogue
-from pumaid.estimate import IDENTIFIED, Estimate, Value
+from pumaid.estimate import IDENTIFIED, Estimate, JointResult, Value
 from pumaid.estimation.evaluate import Comparison
 from pumaid.reporting import text as sentences
 from pumaid.reporting.table import Cell, Paragraph, Row, Table
@@ -42,6 +44,11 @@ from pumaid.results.history import Ladder
 from pumaid.robot import Robot
 from pumaid.units import deviations, number
 
+#: Field of a joint's noise -> its heading and what it is; that of blocks where no run is repeated.
+NOISES = {
+    "noise_floor": ("noise floor (A)", "Noise floor: from the differences of repeated runs."),
+    "noise_inside": ("fast noise (A)", "Fast noise: what comes and goes within 0.1 s, in blocks of motion."),
+}
 #: Row of the paper's Table I (effect, parameter) -> label, label in LaTeX; rows of other effects follow.
 LABELS = {
     ("gravity", "x"): ("k_x·g", r"$k^*_x\,g$"),
@@ -121,9 +128,10 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
         body.append([head, *(_value_cell(rows[key].get(n), units, marks, scale=scale) for n in columns)])
         structural |= {value.reason or "": "-" for value in rows[key].values() if is_structural(value)}
     blank = [""] * (len(columns) - robot.n_joints)
+    noise = _noise_shown(estimate.joints)
     body += [
         ["RMSE (A)", *(amount(fit.rmse) for fit in estimate.joints), *blank],
-        ["noise floor (A)", *(amount(fit.noise_floor) for fit in estimate.joints), *blank],
+        [NOISES[noise][0], *(amount(getattr(fit, noise)) for fit in estimate.joints), *blank],
         ["runs", *(str(fit.runs) for fit in estimate.joints), *blank],
     ]
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*LABELS, *unseen})
@@ -193,12 +201,13 @@ def combination_table(estimate: Estimate) -> Table | None:
 
 def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     """The model's error by joint, against the noise floor."""
+    noise = _noise_shown(comparison.joints)
     rows: list[Row] = []
     for score in comparison.joints:
         tone = "alarm" if is_above_floor(score.rmse, score.noise_floor) else ""
         head: Row = [joint_label(robot, score.joint), str(score.runs), amount(score.rmse, tone)]
         explained = NONE if score.explained is None else percent(score.explained)
-        floor, bias = amount(score.noise_floor), amount(score.bias, beside=score.rmse)
+        floor, bias = amount(getattr(score, noise)), amount(score.bias, beside=score.rmse)
         rows.append([*head, floor, bias, explained, amount(score.heldout)])
     if comparison.rmse is not None:
         runs = str(sum(score.runs for score in comparison.joints))
@@ -208,16 +217,21 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     texts = [(joint, text) for joint, text in unknown if text]
     notes = [("-", text) for text in sentences.by_joint(texts, robot, count=len(comparison.joints))]
     caption = (
-        "Noise floor: from the differences of repeated runs. Explained: share of the current's variance."
-        " Hold-out: RMSE of runs that were not fitted."
+        f"{NOISES[noise][1]} Explained: share of the current's variance. Hold-out: RMSE of runs that were not fitted."
     )
     return Table(
         "Model against measurement",
-        ["joint", "runs", "RMSE (A)", "noise floor (A)", "bias (A)", "explained", "hold-out (A)"],
+        ["joint", "runs", "RMSE (A)", NOISES[noise][0], "bias (A)", "explained", "hold-out (A)"],
         rows,
         notes,
         caption,
     )
+
+
+def _noise_shown(joints: Sequence[JointResult]) -> str:
+    """Field of the noise that stands beside the errors of joints."""
+    is_known = all(joint.noise_inside is None or joint.noise_floor is not None for joint in joints)
+    return "noise_floor" if is_known else "noise_inside"
 
 
 def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, units: str = "rad") -> Table:

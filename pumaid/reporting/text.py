@@ -23,7 +23,7 @@ from pumaid.diagnosis.records import (
 )
 from pumaid.effects import Scope, catalogue
 from pumaid.errors import Note
-from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, Value
+from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointResult, Value
 from pumaid.estimation.evaluate import Budget, BudgetPart, JointScore
 from pumaid.results.history import Rung, effect_words
 from pumaid.robot import Robot
@@ -298,7 +298,7 @@ def joint_sentence(score: JointScore, robot: Robot) -> str:
         explained = "the measured current is constant"
     elif share < 0.0:
         explained = "the model is no better than a constant current"
-    words = f"{title}: {explained}; {floor_words(score.rmse, score.noise_floor)}"
+    words = f"{title}: {explained}; {floor_words(score)}"
     if words.endswith(FLOOR_VERDICTS[AT_FLOOR]):
         is_noise = score.budget is None or is_noise_only(score.budget)
         noise = "nothing missing that repeated runs can show"
@@ -306,10 +306,13 @@ def joint_sentence(score: JointScore, robot: Robot) -> str:
     return f"{words}."
 
 
-def floor_words(rmse: float | None, floor: float | None) -> str:
-    """An RMSE against its noise floor (both A), with what that means."""
+def floor_words(joint: JointResult | JointDiagnosis) -> str:
+    """A joint's RMSE against its noise floor, with what that means."""
+    rmse, floor = joint.rmse, joint.noise_floor
     if rmse is None or floor is None:
-        return f"RMSE {amperes(rmse)}, noise floor unknown (no repeated run)"
+        fast = joint.noise_inside
+        noise = "noise floor unknown" if fast is None else f"fast noise {amperes(fast)}"
+        return f"RMSE {amperes(rmse)}, {noise} (no repeated run)"
     ratio = (rmse - ROUNDING) / max(floor, ROUNDING)
     above = f"{number(ratio, 2)} times the floor, so the model lacks something"
     verdict = next((text for limit, text in FLOOR_VERDICTS.items() if ratio <= limit), above)
@@ -421,7 +424,7 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     joint = next((item for item in diagnosis.joints if item.joint == finding.joint), None)
     is_applied = any(finding is item for item in diagnosis.applied)
     if joint is not None and not is_applied and (effect is None or effect.scope is Scope.JOINT):
-        out.append(f"{floor_words(joint.rmse, joint.noise_floor)}.")
+        out.append(f"{floor_words(joint)}.")
     before, after = finding.rmse_heldout_before, finding.rmse_heldout_after
     if before is not None and after is not None:
         less = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
@@ -522,7 +525,7 @@ def _named(finding: Finding, robot: Robot) -> str:
 
 def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str]:
     """What is known of a residual without a name."""
-    out = [f"{floor_words(joint.rmse, joint.noise_floor)}."]
+    out = [f"{floor_words(joint)}."]
     if joint.repeats is not None:
         share, p = percent(joint.repeats.share), number(joint.repeats.p_value, 2)
         out.append(f"{share} of the residual repeats in repeated runs (p = {p}).")
@@ -556,7 +559,7 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
             text = "RMSE at the noise floor, but the findings above act there too."
         else:
             pointer = " The findings above act there too." if diagnosis.findings else ""
-            text = f"something is missing. {floor_words(joint.rmse, joint.noise_floor)}.{pointer}"
+            text = f"something is missing. {floor_words(joint)}.{pointer}"
         if joint.verdict != UNEXPLAINED_JOINT and joint.joint not in joints and not is_clean:
             texts.append((joint.joint, text))
     out = by_joint(texts, robot)

@@ -19,7 +19,7 @@ def estimate() -> Estimate:
     return Estimate(
         robot="Ärmchen",
         joints=(
-            JointFit(1, 3, 900, 0.01, None, "no replicates", 2, 0.0125, 0.002, 2, {"constant": 3}),
+            JointFit(1, 3, 900, 0.01, None, "no replicates", 0.009, 2, 0.0125, 0.002, 2, {"constant": 3}),
             JointFit(2, 0, 0, None, None),
         ),
         values=(

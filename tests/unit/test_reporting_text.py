@@ -105,6 +105,7 @@ def test_the_same_note_of_several_joints_is_one():
         ({"explained": -0.3}, "no better than a constant current"),
         ({"explained": 0.998}, "explains 99.8 % of the current's variance"),
         ({"noise_floor": None}, "noise floor unknown (no repeated run)."),
+        ({"noise_floor": None, "noise_inside": 0.0123}, "fast noise 0.0123 A (no repeated run)."),
         ({"rmse": None}, "never moves alone in these logs"),
     ],
 )
@@ -261,7 +262,7 @@ def test_limits_of_a_diagnosis_are_said_once():
     assert text.weaknesses(alike, PUMA) == ["All joints: no replicates."]
     assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in text.weaknesses(diagnosis, PUMA)
     fourth = diagnosis.joints[3]  # no run is repeated
-    assert "noise floor unknown" in text.floor_words(fourth.rmse, fourth.noise_floor)
+    assert "noise floor unknown" in text.floor_words(fourth)
 
 
 def test_a_long_command_can_be_pasted():
