@@ -17,6 +17,7 @@ from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
     ADEQUATE,
+    CAUSES,
     DOUBTFUL,
     MISSING,
     UNEXPLAINED_JOINT,
@@ -521,12 +522,13 @@ def diagnose(
     clocks = len({run.clock for run in runs})
     text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
     fits = {fit.joint: fit for fit in estimate.joints}
+    causes = sorted((note for note in estimate.notes if note.slug in CAUSES), key=lambda note: CAUSES.index(note.slug))
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
         findings=tuple(builder.finding(place, item) for place, item in enumerate(search.accepted)),
         model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),
+        notes=(*causes, *held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),
         recipe=Digest(robot.digest),
     )

@@ -23,7 +23,7 @@ from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_
 from pumaid.estimation.link_lengths import STEP, length_tests
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
-from pumaid.estimation.reversed_joints import reversals
+from pumaid.estimation.setups import of_setups, of_weight
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Flags, Floats, inverse_root, least_squares
 from pumaid.model import Model
@@ -93,8 +93,6 @@ TEXTS = {
     " signs in the DH table, of the position columns and of gravity",
     "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
     " current or position is late or smoothed",
-    "position-reversed": "positions of joint {joint} seem to be counted the other way{beside}: turned round, the error"
-    " left at joint {missed} falls from {before} to {after} A. Check log.signs.position and the signs in the DH table",
     "length-wrong": "the motion contradicts the length {name} of joint {joint}, {length} m in the recipe: {fits}"
     "{beside}. Until it is right, ratios, inertia and friction are off by more than their errors; physics that 'pumaid"
     " diagnose' names may look like it",
@@ -264,8 +262,8 @@ def notes_on(
     signs = [] if frictionless else list(of_signs(estimate.values, of_speed))
     wrong_signs = [note for note in signs if note.slug == "sign-odd"]
     # A wrong sign is why a model misses.
-    turned = of_reversals(fitted, [note.where.joint or 0 for note in missed])
-    yield from (*frictionless, *turned, *wrong_signs, *missed)
+    causes = of_setups(fitted, [note.where.joint or 0 for note in missed])
+    yield from (*frictionless, *causes, *of_weight(at_joints), *wrong_signs, *missed)
     if not frictionless and not missed:  # what makes a model miss, as a zero or a clock, looks like lengths, too
         yield from of_lengths(fitted)
     yield from of_runs(fitted, at_joints)
@@ -503,18 +501,6 @@ def of_lengths(fitted: Fit) -> Iterator[Note]:
         fits = f"{number(length + test.more)} ± {number(test.error, 2)} m would fit"
         beside = f" (or another {listed(rivals)})" if rivals else ""
         yield _note("length-wrong", Where(joint=test.joint), name=test.name, length=length, fits=fits, beside=beside)
-
-
-def of_reversals(fitted: Fit, missed: Sequence[int]) -> list[Note]:
-    """The joint whose positions, turned round, explain what the model misses best, and others that do as well."""
-    candidates = reversals(fitted, missed)
-    if not candidates:
-        return []
-    best = candidates[0]
-    rivals = [f"joint {rival.joint}" for rival in candidates[1:] if rival.then < 1.5 * best.then]
-    beside = f" (or those of {listed(rivals)})" if rivals else ""
-    facts = {"missed": best.missed, "before": best.now, "after": best.then}
-    return [_note("position-reversed", Where(joint=best.joint), beside=beside, **facts)]
 
 
 def of_ratios(values: Sequence[Value], robot: Robot) -> Iterator[Note]:

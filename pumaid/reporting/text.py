@@ -14,6 +14,7 @@ from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Run
 from pumaid.diagnosis.records import (
     ADD,
     ADEQUATE,
+    CAUSES,
     UNEXPLAINED_JOINT,
     Candidate,
     Diagnosis,
@@ -514,7 +515,10 @@ def headline(diagnosis: Diagnosis, robot: Robot) -> str:
     other = [joint.joint for joint in diagnosis.joints if joint.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
     if not parts and other:
         parts.append(f"something is missing at {listed([f'joint {joint}' for joint in other])}")
-    return f"{robot.name}: {'; '.join(parts) or 'nothing is missing that these data can show'}."
+    verdict = "; ".join(parts) or "nothing is missing that these data can show"
+    causes = [note.text for note in diagnosis.notes if note.slug in CAUSES]
+    first = f"before any physics, {causes[0]}. As logs and recipe stand, " if causes else ""
+    return f"{robot.name}: {first}{verdict}."
 
 
 def _named(finding: Finding, robot: Robot) -> str:

@@ -1,0 +1,274 @@
+"""What else a recipe or logs could mean: joints turned round or in another order, another mounting, other loads."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pumaid.effects.base import Scope
+from pumaid.errors import Note, Where, listed
+from pumaid.estimation.evaluate import JointPrediction
+from pumaid.estimation.fit import Fit
+from pumaid.estimation.link_lengths import mean_motion
+from pumaid.joint_bins import JointBins
+from pumaid.maths import Counts, Floats
+from pumaid.rigid_body import PARAMETERS, RigidBody
+from pumaid.robot import Robot
+from pumaid.units import number
+
+#: Bins of a joint that are looked at. Share of a missed joint's error to which turning a joint must bring it, and
+#: anything else, since missing physics halves under many a change; and multiples that a joint's error may rise to.
+MOST_BINS, FALLS, FALLS_FAR, RISES, RISES_FAR = 800, 0.5, 0.3, 1.05, 1.25
+#: Share of a missed joint's error to which currents without weight must bring it: inertia shows weight faintly.
+FALLS_WEIGHTLESS = 0.7
+#: Multiple of the least error of a missed joint under any setup that one which explains it may leave.
+AT_LEAST = 1.5
+#: Kinds of setups.
+TURNED, ORDERED, LOADED = "position-reversed", "order-wrong", "loads-differ"
+MOUNTED, WEIGHTLESS, SCALED = "gravity-wrong", "weight-missing", "scale-wrong"
+#: What a note on each says and what to do; and its few words beside another.
+TEXTS = {
+    TURNED: "positions of joint {joint} seem to be counted the other way{beside}: turned round, {falls}. Check"
+    " log.signs.position and the signs in the DH table",
+    ORDERED: "columns of the logs seem to be in another order{beside}: with joints {order} in the columns of 1, 2 and"
+    " so on, {falls}. Give each joint its own column in the recipe's log block",
+    MOUNTED: "the arm seems to be mounted otherwise than the recipe says{beside}: with gravity along {gravity} of the"
+    " base{opposite}, {falls}. Check gravity, and alpha of the first joint",
+    WEIGHTLESS: "gravity seems to be taken out of these currents already{beside}: without weight, {falls}, though"
+    " inertia shows that links have mass. Log raw currents",
+    SCALED: "positions seem to be in another unit than the recipe says{beside}: {scale} times as large, {falls}. An"
+    " encoder's range is perhaps no whole turn; a spring may look like it",
+    LOADED: "the last link seems to carry another load in some files{beside}: with a load a file, {falls}. State loads"
+    " in the recipe (files, payload), or identify the files apart",
+}
+BESIDE = {TURNED: "a joint turned round", ORDERED: "another order of joints", LOADED: "another load in some files"}
+BESIDE |= {MOUNTED: "another mounting", WEIGHTLESS: "gravity taken out", SCALED: "another unit of positions"}
+#: Share of a joint's current below which it shows no weight.
+NO_WEIGHT = 0.02
+#: rad; a base tilted by less is the effect `tilt`. Rounds and step (rad) of the search for the direction of gravity.
+TILTED, ROUNDS, STEP = 0.15, 12, 0.4
+#: Scales of positions that are tried, a ratio apart, and rounds in which the best is made finer.
+SCALES, FINER = np.geomspace(0.2, 5.0, 17), 4
+#: Least change of a scale that an encoder's range explains: a spring bends positions by less.
+RESCALED = 1.1
+#: Number of a body's parameters that weight is told by.
+WEIGHT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """Another meaning of recipe and logs: its `kind`, and what it is of joints, in words or numbers.
+
+    Positions are multiplied by `factors` (J,); `order` (J,) says which logged joint (from 0) is joint 1, 2 ...;
+    `gravity` is in axes of the base (m/s2); with `by_file` the last link carries another load in each file.
+    """
+
+    kind: str
+    factors: tuple[float, ...]
+    order: tuple[int, ...]
+    gravity: tuple[float, float, float]
+    by_file: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A setup that explains a fit's misses: at joint `missed` (from 1) the error left (A), `now` and `then`."""
+
+    setup: Setup
+    missed: int
+    now: float
+    then: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Chosen:
+    """Some bins of a joint (from 1): motion (J, N) each, the joint's own columns (N, k), current (N,), file of each."""
+
+    joint: int
+    motion: tuple[Floats, Floats, Floats]
+    beside: Floats
+    current: Floats
+    weight: Floats
+    file: Counts
+
+
+class Setups:
+    """Regressions of each joint's current by itself, under any setup, of a fit that misses some joints."""
+
+    def __init__(self, fitted: Fit, missed: Sequence[int]) -> None:
+        self.robot, self.missed = fitted.model.robot, missed
+        n, self.moves = self.robot.n_joints, any(row.bins.accelerates.any() for row in fitted.joints)
+        self.cells = tuple(_chosen(fitted, row.bins.joint) for row in fitted.joints)
+        self.now = Setup("as it is", (1.0,) * n, tuple(range(n)), self.robot.gravity)
+        self.before = self.left(self.now)
+        #: Files beyond the first, and runs a joint: four parameters a file cost as much as Schwarz's criterion says.
+        self.files = max(int(cells.file.max(initial=0)) for cells in self.cells)
+        self.runs = float(np.mean([len(row.bins.runs) for row in fitted.joints]))
+
+    def left(self, setup: Setup) -> dict[int, float]:
+        """RMSE (A) of each joint's bins by a regression on all parameters of links and on its own columns."""
+        return {cells.joint: _rest(cells, self._columns(cells, setup)) for cells in self.cells}
+
+    def _columns(self, cells: _Chosen, setup: Setup) -> Floats:
+        """(N, p) what parameters of links ask of a joint under a setup."""
+        place, order = setup.order.index(cells.joint - 1), list(setup.order)
+        factors = np.array(setup.factors)[:, None]
+        motion = [(factors * part)[order] for part in cells.motion]
+        body = _body(replace(self.robot, gravity=setup.gravity), self.moves)
+        columns = body.rows(*motion)[place].T
+        if setup.by_file:
+            tip = columns[:, -len(body.counted[-1]) :][:, :WEIGHT]
+            files = [tip * (cells.file == k)[:, None] for k in np.unique(cells.file)[1:]]
+            columns = np.hstack([columns, *files])
+        return columns
+
+    def explanations(self) -> list[Explanation]:
+        """Setups under which a missed joint's error falls far and no joint's rises; the best first."""
+        setups = (*self._turned(), *self._ordered(), *self._loaded(), *self._mounted(), *self._scaled())
+        errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
+        least = {joint: min(after[joint] for after in errors) for joint in self.before}
+        for setup, after in zip(setups, errors, strict=True):
+            ratios = {joint: after[joint] / self.before[joint] for joint in after if self.before[joint] > 0.0}
+            judged = [joint for joint in self.missed if joint in ratios]
+            best = min(judged, key=lambda joint: ratios[joint], default=0)
+            is_at_least = setup.kind == TURNED or all(after[joint] <= AT_LEAST * least[joint] for joint in judged)
+            falls = {TURNED: FALLS, WEIGHTLESS: FALLS_WEIGHTLESS}.get(setup.kind, FALLS_FAR)
+            rises = RISES if setup.kind == TURNED else RISES_FAR
+            if best and ratios[best] < falls and max(ratios.values()) < rises and is_at_least:
+                more = 2.0 * self.files * np.log(self.runs) / self.runs if setup.by_file else 0.0
+                out.append((self._cost(after) + more, Explanation(setup, best, self.before[best], after[best])))
+        return [item for _, item in sorted(out, key=lambda pair: pair[0])]
+
+    def _cost(self, after: dict[int, float]) -> float:
+        """Mean logarithm of the errors of all joints, over those under the recipe."""
+        return float(np.mean([np.log(max(after[k], 1e-12) / max(self.before[k], 1e-12)) for k in after]))
+
+    def _turned(self) -> Iterator[Setup]:
+        for k in range(self.robot.n_joints):
+            factors = tuple(-1.0 if k == place else 1.0 for place in range(self.robot.n_joints))
+            yield replace(self.now, kind=TURNED, factors=factors)
+
+    def _ordered(self) -> Iterator[Setup]:
+        """Two joints changed places, all are in the order of their names, or from tip to base."""
+        n, names = self.robot.n_joints, [joint.name for joint in self.robot.joints]
+        by_name = sorted(range(n), key=lambda k: names[k])
+        orders = [tuple(by_name.index(k) for k in range(n)), tuple(reversed(range(n)))]
+        for a, b in itertools.combinations(range(n), 2):
+            orders.append(tuple(b if k == a else a if k == b else k for k in range(n)))
+        kinds = [joint.kind for joint in self.robot.joints]
+        for order in dict.fromkeys(orders):
+            if order != self.now.order and all(kinds[k] == kinds[place] for place, k in enumerate(order)):
+                yield replace(self.now, kind=ORDERED, order=order)
+
+    def _loaded(self) -> Iterator[Setup]:
+        if self.files:
+            yield replace(self.now, kind=LOADED, by_file=True)
+
+    def _mounted(self) -> Iterator[Setup]:
+        """Gravity in the direction that fits best, and gone."""
+        size = float(np.linalg.norm(self.robot.gravity))
+        axes = [_vector(size * way * row) for row in np.eye(3) for way in ((1.0, -1.0) if self.moves else (1.0,))]
+        setups = [replace(self.now, kind=MOUNTED, gravity=axis) for axis in axes]
+        best = min((self._cost(self.left(setup)), setup.gravity) for setup in (self.now, *setups))
+        stride = STEP
+        for _ in range(ROUNDS):
+            down = np.array(best[1]) / size
+            side = np.linalg.svd(down[None, :])[2][1:]
+            tried = [down + way * stride * row for row in side for way in (1.0, -1.0)]
+            turned = [_vector(size * row / np.linalg.norm(row)) for row in tried]
+            costs = [(self._cost(self.left(replace(self.now, gravity=g))), g) for g in turned]
+            stride = stride if min(costs) < best else 0.4 * stride
+            best = min([best, *costs])
+        # Where an axis of the base does as well as any direction, it is that.
+        level, near = min((self._cost(self.left(setup)), setup.gravity) for setup in setups)
+        gravity = near if level < best[0] + 0.1 else best[1]
+        cosine = float(np.dot(gravity, self.robot.gravity)) / size**2
+        if np.arccos(min(cosine if self.moves else abs(cosine), 1.0)) > TILTED:
+            yield replace(self.now, kind=MOUNTED, gravity=gravity)
+        if self.moves:
+            yield replace(self.now, kind=WEIGHTLESS, gravity=(0.0, 0.0, 0.0))
+
+    def _scaled(self) -> Iterator[Setup]:
+        """Positions of all joints that turn times one factor."""
+        turns, scales = self.robot.is_revolute, SCALES
+        for _ in range(FINER):
+            setups = [
+                replace(self.now, kind=SCALED, factors=tuple(np.where(turns, scale, 1.0).tolist())) for scale in scales
+            ]
+            k = int(np.argmin([self._cost(self.left(setup)) for setup in setups]))
+            best, step = setups[k], float(scales[1] / scales[0])
+            scales = scales[k] * np.geomspace(step**-0.75, step**0.75, 5)
+        scale = max(best.factors, key=lambda factor: abs(factor - 1.0))
+        if max(scale, 1.0 / scale) > RESCALED:
+            yield best
+
+
+def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
+    """A note on the other meaning of recipe and logs that explains best what a fit misses at joints, if any."""
+    candidates = Setups(fitted, missed).explanations() if missed else []
+    if not candidates:
+        return []
+    best, setup = candidates[0], candidates[0].setup
+    turned, rivals = [k for k, factor in enumerate(setup.factors, start=1) if factor < 0.0], list[str]()
+    for rival in (item for item in candidates[1:] if item.then < 1.5 * best.then):
+        rivals += [f"joint {k}" for k, factor in enumerate(rival.setup.factors, start=1) if factor < 0.0]
+        rivals += [BESIDE[rival.setup.kind]] if rival.setup.kind != TURNED else []
+    joint = turned[0] if turned else None
+    text = TEXTS[setup.kind].format(
+        joint=joint,
+        beside=f" (or {listed(rivals, separator=', or ')})" if rivals else "",
+        falls=f"the error left at joint {best.missed} falls from {number(best.now)} to {number(best.then)} A",
+        order=", ".join(str(k + 1) for k in np.argsort(setup.order)),
+        gravity=[round(part, 2) + 0.0 for part in setup.gravity],
+        opposite="" if any(row.bins.accelerates.any() for row in fitted.joints) else " or the other way",
+        scale=number(max(setup.factors, key=lambda factor: abs(factor - 1.0)), 3),
+    )
+    return [Note(setup.kind, text, Where(joint=joint))]
+
+
+def of_weight(at_joints: Mapping[int, JointPrediction]) -> list[Note]:
+    """A note on an arm with joints across gravity of which none bears weight."""
+    shares = {}
+    for joint, prediction in at_joints.items():
+        is_loaded = {"gravity", f"gravity.l{joint}.x"} <= {*prediction.effects, *prediction.model.names}
+        if is_loaded:
+            weight = prediction.parts[:, prediction.effects.index("gravity")]
+            drawn = prediction.current_square[prediction.counted].sum() / prediction.samples[prediction.counted].sum()
+            shares[joint] = float(np.sqrt(np.mean(weight**2) / max(drawn, np.finfo(float).tiny)))
+    if not shares or max(shares.values()) >= NO_WEIGHT:
+        return []
+    text = f"no joint's current shows weight ({number(100.0 * max(shares.values()), 2)} % of it at most), which links"
+    return [Note(WEIGHTLESS, f"{text} have: gravity seems to be taken out of these currents already. Log raw currents")]
+
+
+def _vector(parts: Floats) -> tuple[float, float, float]:
+    return float(parts[0]), float(parts[1]), float(parts[2])
+
+
+def _body(robot: Robot, moves: bool) -> RigidBody:
+    """All parameters of all links, or those that weight is told by."""
+    return RigidBody(robot, (tuple(range(len(PARAMETERS) if moves else WEIGHT)),) * robot.n_joints)
+
+
+def _chosen(fitted: Fit, joint: int) -> _Chosen:
+    """Bins of a joint, spread over all of its runs; nothing accelerates in runs at constant speed."""
+    row, model = fitted.by_bin[joint], fitted.model
+    bins: JointBins = row.bins
+    chosen = np.arange(0, len(bins), max(1, round(len(bins) / MOST_BINS)))
+    position, velocity, pull = mean_motion(bins, chosen)
+    accelerates = bins.accelerates[bins.run[chosen]]
+    beyond = np.flatnonzero([column.scope is not Scope.LINK for column in model.columns])
+    files = np.unique([run.origin for run in bins.runs], return_inverse=True)[1]
+    beside, weight = row.bare[np.ix_(chosen, beyond)], np.sqrt(bins.count[chosen] / bins.count[chosen].sum())
+    motion = position, velocity * accelerates, pull * accelerates
+    return _Chosen(joint, motion, beside, bins.current[chosen], weight, files[bins.run[chosen]])
+
+
+def _rest(cells: _Chosen, columns: Floats) -> float:
+    """RMSE (A) that columns and the joint's own leave of its current."""
+    design = np.hstack([cells.beside, columns]) * cells.weight[:, None]
+    size = np.linalg.norm(design, axis=0)
+    is_there = size > 1e-9 * size.max(initial=0.0)
+    design, wanted = design[:, is_there] / size[is_there], cells.current * cells.weight
+    return float(np.linalg.norm(wanted - design @ np.linalg.lstsq(design, wanted, rcond=1e-6)[0]))

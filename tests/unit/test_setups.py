@@ -1,0 +1,65 @@
+"""Logs and recipes that do not mean what they say are told before any physics is called missing."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty import OUTER, OWN, RATIO, csv, good, invoke, make
+
+
+def fewer(table):
+    """Positions and velocities a sixth too small."""
+    return table.assign(**{name: table[name] / 1.2 for name in ("q1", "q2", "qd1", "qd2")})
+
+
+UPSIDE = ("alpha: 90,", "alpha: 0,")
+#: Slug and words of the note, what is done to a table (of a file number), and to the recipe.
+CASES = {
+    "joints changed places": ("order-wrong", "joints 2, 1 ",
+        lambda table, number: table.rename(columns=lambda name: name.translate(str.maketrans("12", "21"))), None),
+    "first axis vertical": ("gravity-wrong", "alpha of the first joint", None, UPSIDE),
+    "300 degrees to a turn": ("scale-wrong", "1.20 times", lambda table, number: fewer(table), None),
+}  # fmt: skip
+
+
+def spoilt(folder: Path, change, edit) -> Path:
+    """The good experiment with its tables changed and a word of its recipe edited."""
+    make(folder)
+    for number, table in enumerate(good(), start=1):
+        (folder / "logs" / f"log_{number}.csv").write_text(csv(change(table, number) if change else table))
+    if edit:
+        text = (folder / "recipe.yaml").read_text()
+        (folder / "recipe.yaml").write_text(text.replace(*edit, 1))
+    return folder
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_likely_cause_comes_before_the_misses(tmp_path, name):
+    """The first note of identify, and the first words of diagnose, name it with the error that it takes away."""
+    slug, words, change, edit = CASES[name]
+    arm = spoilt(tmp_path / "arm", change, edit)
+    told = invoke("identify", str(arm / "logs"))
+    assert told.exit_code == 0
+    notes = [line for line in told.stderr.splitlines() if line.startswith("note[")]
+    assert notes[0].startswith(f"note[{slug}]") and words in notes[0]
+    before, after = map(float, re.search(r"falls from ([\d.]+) to ([\d.]+) A", notes[0]).groups())
+    assert after < 0.3 * before
+    found = invoke("diagnose", str(arm / "results" / "model.json"), str(arm / "logs"))
+    assert "before any physics" in " ".join(found.stdout.split())[:200]
+
+
+def test_currents_without_weight_are_told(tmp_path):
+    """A controller's gravity that was subtracted leaves nothing that an arm could have."""
+
+    def change(table, number):
+        outer = OUTER * np.sin(table.q1 + table.q2 + 0.3)
+        return table.assign(i1=table.i1 - OWN * np.sin(table.q1) - RATIO * outer, i2=table.i2 - outer)
+
+    told = invoke("identify", str(spoilt(tmp_path / "arm", change, None) / "logs")).stderr
+    assert "note[weight-missing]" in told and "model-misses" not in told
+
+
+def test_sound_logs_are_accused_of_nothing(tmp_path):
+    told = invoke("identify", str(make(tmp_path / "arm") / "logs")).stderr
+    assert "note[" not in told
