@@ -1,5 +1,6 @@
 """What else a recipe or logs could mean: joints turned round or in another order, another mounting, other loads."""
 
+import copy
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -47,11 +48,13 @@ BESIDE |= {MOUNTED: "another mounting", WEIGHTLESS: "gravity taken out", SCALED:
 #: Share of a joint's current below which it shows no weight.
 NO_WEIGHT = 0.02
 #: rad; a base tilted by less is the effect `tilt`. Rounds and step (rad) of the search for the direction of gravity.
-TILTED, ROUNDS, STEP = 0.15, 12, 0.4
+TILTED, ROUNDS, STEP = 0.15, 9, 0.4
 #: Scales of positions that are tried, a ratio apart, and rounds in which the best is made finer.
-SCALES, FINER = np.geomspace(0.2, 5.0, 17), 4
+SCALES, FINER = np.geomspace(0.2, 5.0, 15), 5
 #: Least change of a scale that an encoder's range explains: a spring bends positions by less.
 RESCALED = 1.1
+#: Every so many bins are enough for a search of a direction or scale.
+THINNED = 4
 #: Number of a body's parameters that weight is told by.
 WEIGHT = 4
 
@@ -92,6 +95,13 @@ class _Chosen:
     weight: Floats
     file: Counts
 
+    def part(self, some: slice) -> "_Chosen":
+        """Some of the bins."""
+        q, v, a = self.motion
+        motion = q[:, some], v[:, some], a[:, some]
+        beside, current = self.beside[some], self.current[some]
+        return _Chosen(self.joint, motion, beside, current, self.weight[some], self.file[some])
+
 
 class Setups:
     """Regressions of each joint's current by itself, under any setup, of a fit that misses some joints."""
@@ -110,6 +120,13 @@ class Setups:
         """RMSE (A) of each joint's bins by a regression on all parameters of links and on its own columns."""
         return {cells.joint: _rest(cells, self._columns(cells, setup)) for cells in self.cells}
 
+    def _thinned(self) -> "Setups":
+        """The same with fewer bins, for a search."""
+        thin = copy.copy(self)
+        thin.cells = tuple(cells.part(slice(None, None, THINNED)) for cells in self.cells)
+        thin.before = thin.left(self.now)
+        return thin
+
     def _columns(self, cells: _Chosen, setup: Setup) -> Floats:
         """(N, p) what parameters of links ask of a joint under a setup."""
         place, order = setup.order.index(cells.joint - 1), list(setup.order)
@@ -125,7 +142,8 @@ class Setups:
 
     def explanations(self) -> list[Explanation]:
         """Setups under which a missed joint's error falls far and no joint's rises; the best first."""
-        setups = (*self._turned(), *self._ordered(), *self._loaded(), *self._mounted(), *self._scaled())
+        thin = self._thinned()
+        setups = (*self._turned(), *self._ordered(), *self._loaded(), *thin._mounted(), *thin._scaled())
         errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
         least = {joint: min(after[joint] for after in errors) for joint in self.before}
         for setup, after in zip(setups, errors, strict=True):
