@@ -49,21 +49,41 @@ def _covered(solved: Fit, joint: int | None) -> Extent:
 
 
 def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidates:
-    """Every effect (of the catalogue, where not given) that the model lacks; periodic ones have spectra instead."""
+    """Every effect (of the catalogue, where not given) that the model lacks; of periodic ones slow waves alone.
+
+    Of what is fast there are spectra.
+    """
     robot, moving = solved.model.robot, [row.bins.joint for row in solved.joints]
     owners: dict[Scope, Sequence[int | None]] = {Scope.ARM: (None,), Scope.CAUSE: range(1, robot.n_joints + 1)}
     present = {term.key for term in solved.model.effects}
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
     covered = {joint: _covered(solved, joint) for joint in (None, *range(1, robot.n_joints + 1))}
     groups, excluded = {}, {}
-    for effect in (x for x in effects or catalogue().values() if not x.base and x.periodic is None):
+    for effect in (x for x in effects or catalogue().values() if not x.base):
         for joint in owners.get(effect.scope, moving):
             why = None if joint is None else effect.applies(robot, joint)
             if why is not None:
                 excluded[effect.name, joint] = why
+            elif effect.periodic is not None:
+                groups[effect.name, joint] = _slow_waves(solved, effect, joint, covered[joint])
             elif effect.is_repeatable or (effect.name, joint) not in present:
                 groups[effect.name, joint] = grid_of(solved, effect, joint, covered=covered[joint])
     return Candidates({key: group for key, group in groups.items() if group}, excluded)
+
+
+def _slow_waves(solved: Fit, effect: Effect, joint: int | None, covered: Extent) -> tuple[EffectTerm, ...]:
+    """A periodic effect at the frequencies below those of its spectrum, which the model's slow columns absorb in part.
+
+    But those of waves that the model has.
+    """
+    name, slow, resolution = str(effect.periodic), covered.travel / FEWEST_PERIODS, 2.0 * np.pi / covered.travel
+    waves = [term.shape[name] for term in solved.model.effects if term.key == (effect.name, joint)]
+    return tuple(
+        term
+        for term in grid_of(solved, effect, joint, covered=replace(covered, finest=slow))
+        if term.shape[name] < 2.0 * np.pi / slow
+        and all(abs(term.shape[name] - wave) > SAME * resolution for wave in waves)
+    )
 
 
 class Expansion(Effect):

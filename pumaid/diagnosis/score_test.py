@@ -267,7 +267,7 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
     runs = Projector(scan.solved).runs
     for waves in scan.spectra:
         best = waves.highest(signs[:, runs[waves.key[1] or 0]])
-        surprises[waves.key] = minus_log10_p(best / scale, PERIODIC)
+        surprises[waves.key] = np.maximum(minus_log10_p(best / scale, PERIODIC), surprises.get(waves.key, 0.0))
     if not surprises:
         return SignFlips({}, np.zeros(flips))
     handicaps = {key: float(np.quantile(drawn, BALANCED)) for key, drawn in surprises.items()}

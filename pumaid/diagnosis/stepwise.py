@@ -279,6 +279,10 @@ class Stepwise:
         near = [trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(solved.scale)) <= FAR]
         leaders = [(trial, solved) for trial in (near or grid[:1])[:LEADERS]]
         for waves in table.spectra:
+            slow = table.best().get(waves.key)
+            if slow is not None and slow.statistic > waves.statistic().max():
+                continue
+            leaders = [leader for leader in leaders if leader[0] is not slow]
             if effect is None or chances.p_value(waves.key, waves.surprise(solved.scale)) > FAR:
                 continue
             frequency = float(waves.frequency[int(np.argmax(waves.statistic()))])

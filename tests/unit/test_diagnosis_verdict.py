@@ -276,6 +276,15 @@ def test_a_ripples_two_sizes_are_told_apart():
     assert [one.name for one in told] == ["cos", "sin"]
 
 
+def test_a_ripple_slower_than_three_waves_a_run_is_no_counterbalance():
+    """2.8 waves a turn over 3.6 rad: below the spectrum's, which counterbalances and springs mimic."""
+    lab = Lab.of(LEVER, design(LEVER, postures=3), Hidden("ripple", 1, {"cos": 0.03, "sin": -0.02, "frequency": 2.8}))
+    search = Stepwise(lab.model, lab.noisy(2, Din(spread=0.004, level=0.002)))
+    search.run()
+    (item,) = search.accepted
+    assert item.key == ("ripple", 1) and item.trial.added.shape["frequency"] == pytest.approx(2.8, abs=0.1)
+
+
 def test_bins_are_means_over_runs():
     """Means and standard errors of each speed are those of the runs' own means."""
     samples, falling = (
