@@ -243,7 +243,7 @@ class _Decomposition:
         sides = bins.samples.direction[:, None] * [1.0, -1.0] > 0
         speed = np.abs(bins.samples.velocity[:, [bins.joint - 1]])
         friction = np.hstack([sides, sides * speed, bins.samples.acceleration[:, None]]).astype(float)
-        self.basis = _orthonormal(friction if is_fitted else friction[:, :0], self.weight)
+        self.basis = _orthonormal(friction if is_fitted else friction[:, :0], self.weight, friction[:, :0])
         everything = _orthonormal(np.hstack(list(columns.values())), self.weight, self.basis)
         self.noise = noise_of(bins, residual - everything @ (everything.T @ (self.weight * residual)))
         self.columns = columns if len(bins.runs) >= FEWEST_RUNS else {}
@@ -402,15 +402,16 @@ class _Decomposition:
         )
 
 
-def _orthonormal(columns: Floats, weight: Floats, taken: Floats | None = None) -> Floats:
+def _orthonormal(columns: Floats, weight: Floats, taken: Floats) -> Floats:
     """(N, k) directions of columns, orthonormal under the weights and free of the orthonormal columns `taken`."""
-    size = np.sqrt(weight @ columns**2)
-    rest = columns[:, size > 0] / size[size > 0]
-    if taken is not None:
-        rest = rest - taken @ (taken.T @ (weight[:, None] * rest))
-    values, vectors = np.linalg.eigh(rest.T @ (weight[:, None] * rest))
+    weighted = weight[:, None] * columns
+    gram, cross = columns.T @ weighted, taken.T @ weighted
+    size = np.sqrt(np.diagonal(gram))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    values, vectors = np.linalg.eigh((gram - cross.T @ cross) * np.outer(unit, unit))
     visible = values > LEAST_BESIDE
-    return np.asarray(rest @ (vectors[:, visible] / np.sqrt(values[visible])))
+    turn = unit[:, None] * vectors[:, visible] / np.sqrt(values[visible])
+    return np.asarray(columns @ turn - taken @ (cross @ turn))
 
 
 def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
@@ -436,11 +437,8 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
     for joint in robot.joints:
         numbers = [n for n, run in enumerate(dataset.runs) if run.joint == joint.number]
         if not numbers:
-            joints.append(
-                JointScore(
-                    joint.number, 0, 0, noise_floor_reason=f"joint {joint.number} never moves alone in these logs"
-                )
-            )
+            why = f"joint {joint.number} never moves alone in these logs"
+            joints.append(JointScore(joint.number, 0, 0, noise_floor_reason=why))
             continue
         prediction, were_fitted = at_joints[joint.number], [is_fitted[n] for n in numbers]
         of_runs = list(prediction.run_scores(were_fitted))
@@ -451,8 +449,9 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
             name == "gravity" or "gravity" not in name.split(TOGETHER) for n in counted for name in of_runs[n].parts
         )
         loads = [of_runs[n].parts.get("gravity", np.zeros(len(of_runs[n].predicted))) for n in counted]
+        runs = [of_runs[n].run for n in counted]
         split = budget(
-            joint_bins(robot, [of_runs[n].run for n in counted], is_settled=False)[0],
+            prediction.bins if prediction.counted.all() else joint_bins(robot, runs, is_settled=False)[0],
             np.concatenate([of_runs[n].residual for n in counted]),
             joint,
             load=np.concatenate(loads) if has_load else None,

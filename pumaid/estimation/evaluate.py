@@ -243,6 +243,7 @@ class JointPrediction:
         square = fast_squares(self.bins, self.residual)[self.bins.is_block & self.counted]
         return float(np.sqrt(np.average(square, weights=self.samples[blocks]))) if len(blocks) else None
 
+    @cached_property
     def groups(self) -> Groups:
         """The effects by what `counted` runs tell apart: each alone, or those known only together.
 
@@ -260,7 +261,7 @@ class JointPrediction:
 
     def run_scores(self, is_fitted: Sequence[bool]) -> Iterator[RunScore]:
         """A score for each run; `is_fitted` (R,) says which the estimate was fitted to."""
-        bins, groups = self.bins, self.groups()
+        bins, groups = self.bins, self.groups
         total = bins.sums(bins.count * self.residual) / self.samples
         current = bins.sums(bins.count * bins.current)
         mean = current.sum() / self.samples.sum()
@@ -307,7 +308,7 @@ class JointPrediction:
         current = float(self.current_square[chosen].sum())
         totals = [float(bins.sums(bins.count * values)[chosen].sum()) for values in (self.residual, bins.current)]
         parts = self.products[chosen].sum(axis=0) / max(current, NOTHING**2 * samples)
-        shares = together(dict(zip(self.effects, parts.tolist(), strict=True)), self.groups())
+        shares = together(dict(zip(self.effects, parts.tolist(), strict=True)), self.groups)
         shares = {name: share for name, share in shares.items() if share != 0.0 and current > NOTHING**2 * samples}
         return JointScore(
             **figures,
