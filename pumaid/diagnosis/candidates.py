@@ -210,6 +210,7 @@ SAME = 2.0
 #: Points of the even grid that bins are shared out to, a period of the highest frequency: a wave there leaks 1 %.
 #: Lengths that stand for the ways from bin to bin, which are unequal where the speed is.
 POINTS, WIDTHS = 4, 8
+QUANTILES = (np.arange(WIDTHS) + 0.5) / WIDTHS
 #: Runs below which signs are flipped of pieces of runs, about so many in all: of so few whole runs, flips that change
 #: nothing or all are more than one in fifty. Waves are looked at of which a piece holds this many: what is slower may
 #: be noise that neighbouring pieces share.
@@ -230,14 +231,21 @@ class Spectrum:
 
     `key` is its name and joint. `scores` (S, F) are complex, cosine and sine part of each run's score, or of each
     piece's where runs are few (`is_pieces`); `information` (F,) is that of either part, since both are alike and do not
-    mix.
+    mix. `power` (F,) is the share of a wave's power that means over bins leave.
     """
 
     key: Key
     frequency: Floats
     scores: np.ndarray
     information: Floats
+    power: Floats
     is_pieces: bool = False
+
+    @property
+    def seen(self) -> slice:
+        """Frequencies from the lowest up to that at which bins average half of a wave's power away."""
+        is_lost = self.power < 0.5
+        return slice(0, int(is_lost.argmax()) if is_lost.any() else len(is_lost))
 
     def statistic(self) -> Floats:
         """(F,) twice the gain in log likelihood."""
@@ -326,7 +334,7 @@ def spectrum(
     information = weight @ (1.0 + rho**2) - (2.0 * weight * rho) @ grid.likeness
     for wave in without:
         scores[:, np.abs(grid.frequency - wave) < grid.resolution * SAME] = 0.0
-    return Spectrum(key, grid.frequency, scores, information / scale, len(bins.runs) < FEWEST_RUNS)
+    return Spectrum(key, grid.frequency, scores, information / scale, grid.power, len(bins.runs) < FEWEST_RUNS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -335,7 +343,8 @@ class _FrequencyGrid:
 
     `chosen` are they among those of a transform of `points` points, `resolution` is that of the longest run, `usable`
     (R,) runs are long enough, bins are at `place` (N,) on the even grid and in `piece` (N,); `turn` (F,) moves phases
-    to the joint's zero, `likeness` (R, F) is the mean cosine of the phase from bin to bin.
+    to the joint's zero, `likeness` (R, F) is the mean cosine of the phase from bin to bin, `power` (F,) the share of a
+    wave's power that bins leave.
     """
 
     frequency: Floats
@@ -347,6 +356,7 @@ class _FrequencyGrid:
     piece: Counts
     turn: np.ndarray
     likeness: Floats
+    power: Floats
 
 
 @lru_cache(maxsize=16)  # the same at every look at a joint
@@ -370,6 +380,8 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
     if len(frequency) < 3:
         return None
     likeness = np.zeros((len(lengths), len(frequency)))
+    passed = np.quantile(np.abs(bins.samples.velocity[:, bins.joint - 1]) * bins.step[bins.run], QUANTILES)
+    rounds = np.where(bins.is_block.any(), 3.0, 1.0)
     for number in np.flatnonzero(usable):
         places = q[bins.first[number] : bins.first[number] + lengths[number]]
         likeness[number] = _likeness(np.abs(np.diff(places)), frequency)
@@ -383,6 +395,7 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
         _pieces(bins, np.where(usable, way, 0.0)) if is_pieces else bins.run,
         (np.exp(1j * frequency * start) / np.sinc(0.5 * frequency * step / np.pi) ** 4).astype(np.complex64),
         likeness,
+        np.mean(np.sinc(np.outer(passed, frequency) / (2.0 * np.pi)) ** (2.0 * rounds), axis=0),
     )
 
 
@@ -408,7 +421,7 @@ def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> NDA
 
 def _likeness(ways: Floats, frequency: Floats) -> Floats:
     """(F,) mean cosine of the phase from one bin to the next."""
-    widths = np.quantile(ways, (np.arange(WIDTHS) + 0.5) / WIDTHS)
+    widths = np.quantile(ways, QUANTILES)
     if widths[-1] - widths[0] < 0.05 * widths[-1]:
         widths = widths[WIDTHS // 2 : WIDTHS // 2 + 1]
     return np.asarray(np.cos(np.outer(widths, frequency)).mean(axis=0))

@@ -1,5 +1,7 @@
 """Sizes of effects below which nothing would have been seen."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import special
 
@@ -26,6 +28,7 @@ NORMAL, WAVE, ABSURD = 3.0, 0.5, 1e6
 TINY = float(np.finfo(float).tiny) ** 0.5
 #: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
+AVERAGED = "bins of these runs average it away; slower runs show it"
 
 
 def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
@@ -34,7 +37,8 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
     With information S of the parameter, all else refitted, a size a shifts the score by a sqrt(S) standard deviations;
     it is found in `POWER` of all cases when this exceeds the family-wise threshold, as it then is, by the normal
     quantile of `POWER`. It must also lower some joint's error by the share `WORTH`. Of an effect with a shape the limit
-    is the median over shapes that can be seen.
+    is the median over shapes that can be seen; that of waves holds up to the frequency at which bins average half of
+    their power away.
     """
     robot, scale, projector = scan.solved.model.robot, scan.solved.scale, Projector(scan.solved)
     shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in scan.solved.joints}
@@ -51,11 +55,14 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
         out[key] = _limit(robot, group[0].effect, key, float(np.median(sizes or [np.inf])))
     for waves in scan.spectra:
         shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))
+        information = (waves.information * waves.power)[waves.seen]
         size = max(
-            shift * float(np.sqrt(scale / np.median(waves.information))),
+            shift * float(np.sqrt(scale / np.median(information))) if len(information) else np.inf,
             errors[waves.key[1] or 0] * float(np.sqrt(2.0 * WORTH / WAVE)),
         )
-        out[waves.key] = _limit(robot, catalogue()[waves.key[0]], waves.key, size)
+        limit = _limit(robot, catalogue()[waves.key[0]], waves.key, size)
+        at_end = {"up_to": float(waves.frequency[waves.seen][-1])} if len(information) else {"reason": AVERAGED}
+        out[waves.key] = replace(limit, **at_end)
     return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
 
 

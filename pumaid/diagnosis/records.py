@@ -113,7 +113,10 @@ class Finding(Candidate):
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The smallest size of an effect's `parameter` that is seen with 80 % chance; None where none, `reason` why."""
+    """The smallest size of an effect's `parameter` that is seen with 80 % chance; None where none, `reason` why.
+
+    `up_to` (rad of phase per rad or m) is the frequency beyond which it does not hold; None of an effect that has none.
+    """
 
     effect: str
     joint: int | None
@@ -121,6 +124,7 @@ class Limit:
     size: float | None
     unit: str
     reason: str | None = None
+    up_to: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

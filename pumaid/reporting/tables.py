@@ -310,6 +310,14 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Ta
             rows.append(
                 [effect, f"{key[0]} ({unit})" if unit else key[0], *(cells.get(joint, "") for joint in columns)]
             )
+        fastest = {
+            item.joint: sentences.waves(item.up_to, robot.joint(item.joint).position_unit)
+            for item in group
+            if item.joint and item.up_to is not None
+        }
+        for of in dict.fromkeys(unit for _, unit in fastest.values()):
+            ends = {joint: count for joint, (count, unit) in fastest.items() if unit == of}
+            rows.append([effect, f"up to ({of})", *(ends.get(joint, "") for joint in columns)])
     names = [joint_label(robot, joint) for joint in columns]
     caption = "Smallest size that is detected with a probability of 80 %."
     return (

@@ -102,8 +102,9 @@ BUDGET_CAPTION = (
     " To name the effect behind a part: pumaid diagnose."
 )
 
-#: Ripples named in a sentence.
-MOST_RIPPLES = 3
+#: Ripples named in a sentence. Phase (rad per rad or m) up to which runs should show them: two waves a turn of a motor
+#: behind a gear of 1:160.
+MOST_RIPPLES, FASTEST = 3, 320.0
 
 #: Prefix of the name of a column of the logs that the user suspects (``--suspect``), and what its shape ``times`` says.
 SUSPECT = "suspect:"
@@ -558,7 +559,8 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
         if joint.rmse is None:
             text = "never moved alone in these logs, so not diagnosed."
         elif joint.verdict == ADEQUATE:
-            text = "nothing is missing that these data can show."
+            faster = "; of ripples only those up to the limit below" if _fastest(joint) else ""
+            text = f"nothing is missing that these data can show{faster}."
         elif diagnosis.findings and joint.noise_floor is not None and joint.rmse <= AT_FLOOR * joint.noise_floor:
             text = "RMSE at the noise floor, but the findings above act there too."
         else:
@@ -578,10 +580,21 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     return out
 
 
+def waves(up_to: float, unit: str) -> tuple[str, str]:
+    """A frequency in rad per rad or m as a number of waves, and of what: ``74``, ``waves a turn``."""
+    return (number(up_to, 2), "waves a turn") if unit == "rad" else (number(up_to / math.tau, 2), "waves a m")
+
+
+def _fastest(joint: JointDiagnosis) -> float:
+    """Frequency of the fastest ripple that a joint's runs can show; 0 where faster ones than usual are seen."""
+    return max((limit.up_to for limit in joint.limits if limit.up_to and limit.up_to < FASTEST), default=0.0)
+
+
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """What limits the diagnosis, each sentence once with its joints."""
-    return by_joint(
-        [(joint.joint, f"{text.rstrip('.')}.") for joint in diagnosis.joints for text in joint.weakened],
-        robot,
-        count=len(diagnosis.joints),
-    )
+    joints = diagnosis.joints
+    texts = [(joint.joint, f"{text.rstrip('.')}.") for joint in joints for text in joint.weakened]
+    for joint in (joint for joint in joints if _fastest(joint)):
+        fastest, of = waves(_fastest(joint), robot.joint(joint.joint).position_unit)
+        texts.append((joint.joint, f"ripples of up to {fastest} {of} can be seen; slower motion shows faster ones."))
+    return by_joint(texts, robot, count=len(joints))

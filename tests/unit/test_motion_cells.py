@@ -1,5 +1,7 @@
 """Cells of any motion: current and columns pass one filter, so least squares returns what made the torques."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from free_motion import RATE as SAMPLED
@@ -7,8 +9,11 @@ from free_motion import TICKS, fourier, picks
 from test_rigid_body import engine, torques
 
 from pumaid.dataset import Dataset, Log
+from pumaid.diagnosis.candidates import spectrum
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.noise import noise_of
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.joint_bins import joint_bins
 from pumaid.preprocessing.binning import SegmentOptions
 from pumaid.preprocessing.parallel_filter import LONGEST_CELL, SHORTEST_CELL, cell_length, cells
 from pumaid.preprocessing.segment import segment
@@ -78,6 +83,20 @@ def test_cells_last_as_long_as_asked():
         runs = segment([log], robot, options=SegmentOptions(cell=cell)).runs
         assert {run.kind for run in runs} == {"block"}
         assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_ripples_are_promised_up_to_half_of_their_power():
+    """At the frequency up to which the limit of ripples holds, half of a wave's power is left in the cells."""
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    t, (q, *_) = fourier(np.random.default_rng(5), 2, SECONDS, RATE)
+    log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
+    (bins, _), noise = joint_bins(robot, segment([log], robot).runs), np.random.default_rng(1)
+    rest = noise.normal(size=len(bins))
+    waves = spectrum(("ripple", 1), bins, noise_of(bins, rest), white=rest)
+    fastest = float(waves.frequency[waves.seen][-1])
+    rippled = replace(log, current=np.cos(fastest * q.T))
+    drawn = joint_bins(robot, segment([rippled], robot).runs)[0].current
+    assert np.mean(drawn**2) / 0.5 == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize(("seconds", "kinds"), [(40.0, {"block"}), (6.0, set())])

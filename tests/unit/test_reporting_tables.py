@@ -160,8 +160,13 @@ def test_detection_limits_have_a_row_an_effect_and_unit():
     joints = diagnoses.clean().joints
     first = (Limit("spring", 1, "a", 0.2, "A/rad"), Limit("tilt", None, "x", 0.1, "rad"))
     second = (Limit("spring", 2, "a", 0.4, "A/m"), Limit("tilt", None, "y", 0.2, "rad"))
+    first = (*first, Limit("ripple", 1, "cos", 0.02, "A", up_to=74.4))
+    second = (*second, Limit("ripple", 2, "cos", 0.03, "A", up_to=628.3))
     both = replace(diagnoses.clean(), joints=(replace(joints[0], limits=first), replace(joints[1], limits=second)))
     assert [[cell.text for cell in cells] for cells in tables.limit_table(both, worlds.CRANE).cells] == [
+        ["ripple", "cos (A)", "0.020", "0.030", ""],
+        ["ripple", "up to (waves a turn)", "74", "", ""],
+        ["ripple", "up to (waves a m)", "", "100", ""],
         ["spring", "a (A/rad)", "0.20", "", ""],
         ["spring", "a (A/m)", "", "0.40", ""],
         ["tilt", "x (rad)", "", "", "0.10"],
