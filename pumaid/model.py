@@ -206,8 +206,9 @@ class Model:
 
         `gravity` is what a fitted model says of gravity at the bins' nodes, where an effect needs it.
         """
-        out = np.zeros((len(bins), len(self.columns)), order="F")
-        out[:, : len(self._base)] = self._base_means(bins)
+        out, base = np.zeros((len(bins), len(self.columns)), order="F"), self._base_means(bins).T
+        acting = np.flatnonzero(base.any(axis=1))  # a quarter of them, by whole columns
+        out.T[acting] = base[acting]
         places = np.array([-1 if column.place is None else column.place for column in self.columns])
         for place, term in enumerate(self.effects):
             if term.touches(bins.joint):
@@ -222,7 +223,7 @@ class Model:
     def _base_means(self, bins: JointBins) -> Floats:
         """(N, b) means of the paper's model over bins, kept as long as these are."""
         if bins not in self._base_designs:
-            self._base_designs[bins] = bins.averaged(self._base_at_nodes(bins))
+            self._base_designs[bins] = np.asfortranarray(bins.averaged(self._base_at_nodes(bins)))
         return self._base_designs[bins]
 
     def _means(self, bins: JointBins, term: EffectTerm, gravity: Loads | None) -> Floats:

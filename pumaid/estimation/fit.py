@@ -50,14 +50,14 @@ class Row:
         cls, bins: JointBins, design: Floats, inner: NoiseModel, *, moved: Floats | None = None, slow: float = 1.0
     ) -> "Row":
         """Whitened and reduced; `moved` is (N, P)."""
-        p, more = design.shape[1], np.zeros((len(bins), 0)) if moved is None else moved
-        parts = [bins.harmonic, more, design, np.ones(len(bins)), bins.current]
-        table = inner.decorrelated(bins, np.vstack([part.T for part in parts]).T)  # column after column
+        acting, more = np.flatnonzero(design.any(axis=0)), np.zeros((0, len(bins))) if moved is None else moved.T
+        parts = [bins.harmonic.T, more, design.T[acting], np.ones(len(bins)), bins.current]
+        table = inner.decorrelated(bins, np.vstack(parts).T)  # column after column
         small, counts, _ = reduced(bins, table[:, :-2], table[:, -2:])
-        through = None if moved is None else small[:, :, -2 - p - more.shape[1] : -2 - p]
-        return cls(
-            bins, design, inner, small[:, :, -2], small[:, :, -2 - p : -2], small[:, :, -1], counts, through, slow
-        )
+        regressors, before = np.zeros((*small.shape[:2], design.shape[1])), 2 + len(more)
+        regressors[:, :, acting] = small[:, :, before:-2]
+        through = None if moved is None else small[:, :, 2:before]
+        return cls(bins, design, inner, small[:, :, -2], regressors, small[:, :, -1], counts, through, slow)
 
     @property
     def joint(self) -> int:

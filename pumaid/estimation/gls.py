@@ -117,7 +117,7 @@ def _row(
     design = design_of(model, bins, before) if design is None else design
     if noise is not None:
         return Row.of(bins, design, noise)
-    inner, slow = inside_runs(bins, design)
+    inner, slow = inside_runs(bins, design.T[design.any(axis=0)].T)
     row = Row.of(bins, design, inner, slow=slow)
     times = excess(row.regressors, row.target, counts=row.counts, is_other=bins.accelerates)
     if times == 1.0:
