@@ -38,12 +38,13 @@ FLAT, FAINT = 1e-10, 1e-12
 class LeastSquares:
     """A minimum-norm least-squares solution (p,) with its blind directions.
 
-    `inverse` (p, p) is the pseudo-inverse of the information matrix, the covariance when the rows are whitened; `blind`
-    (p, b) has directions, in columns, of unit length in the scaled parameters, that the rows do not determine.
+    `half` (p, k) spans the k directions that are determined: ``half half'`` is the pseudo-inverse of the information
+    matrix, the covariance when the rows are whitened. `blind` (p, b) has directions, in columns, of unit length in the
+    scaled parameters, that the rows do not determine.
     """
 
     values: Floats
-    inverse: Floats
+    half: Floats
     blind: Floats
 
     @property
@@ -76,7 +77,7 @@ def least_squares(
     shown = np.flatnonzero(is_shown)
     half = inverse_scale[:, None] * (right[shown].T / full[shown])
     values = half @ (basis[:, shown].T @ target)
-    return LeastSquares(values, half @ half.T, right[~is_shown].T)
+    return LeastSquares(values, half, right[~is_shown].T)
 
 
 def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> Flags:
@@ -396,7 +397,7 @@ def ratio_spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
     for number, (edge, row) in enumerate(zip(gains.edges, gains.uppers, strict=True)):
         columns = np.append(np.flatnonzero(system.owners == row), len(values) + number)
         alone = least_squares(jacobian[system.row == row][:, columns], system.target[system.row == row])
-        error = float(np.sqrt(alone.inverse[-1, -1])) if alone.determined[-1] else np.inf
+        error = float(np.linalg.norm(alone.half[-1])) if alone.determined[-1] else np.inf
         is_shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
         out.append(np.inf if is_shown else RATIO_SPREAD)
     return np.array(out)

@@ -9,7 +9,7 @@ from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Floats, inverse_root, pseudo_inverse
+from pumaid.maths import Floats, pseudo_inverse
 
 #: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
 #: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
@@ -56,12 +56,12 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
     projector = Projector(solved)
     plain = projector.columns(shapes)
     white = projector.whitened(plain)
-    whole_cross, whole = projector.crossed(white), solved.information()
+    whole_cross, whole = projector.crossed(white), solved.information() + np.diag(solved.prior**2)
     gram = np.sum([columns.T @ columns for columns in white.values()], axis=0)
     slope = np.sum([columns.T @ solved.by_bin[joint].residual for joint, columns in white.items()], axis=0)
     alone = np.diagonal(gram) - np.sum(whole_cross * (solved.inverse @ whole_cross), axis=0)
     unit = np.divide(1.0, np.sqrt(np.maximum(alone, 0.0)), out=np.zeros_like(alone), where=alone > 0.0)
-    half = inverse_root(whole)
+    half = solved.solution.linear.half
     places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
     units = unit[places][:, :, None] * np.eye(places.shape[1])
     remaining = {row.bins.joint: row.bins.inside_left(row.bins.current - row.misfit) for row in solved.joints}

@@ -454,7 +454,7 @@ def of_drift(joints: Sequence[JointFit], at_joints: Mapping[int, JointPrediction
         change, dof = np.array([pair.more for pair in last]), len(last) - design.shape[1]
         fitted = least_squares(design, change)
         sizes, variance = fitted.values, float(np.sum((change - design @ fitted.values) ** 2)) / max(dof, 1)
-        errors = np.sqrt(np.maximum(variance * np.diag(fitted.inverse), 1e-300))
+        errors = np.sqrt(np.maximum(variance * np.sum(fitted.half**2, axis=1), 1e-300))
         moved = np.abs(sizes) * np.sqrt(np.mean(design**2, axis=0))
         for n, (unit, factor, goes, cause) in enumerate(KINDS[: len(sizes)]):
             if two_sided(sizes[n] / errors[n], dof) >= CHANCE or moved[n] <= matters:

@@ -13,7 +13,7 @@ from pumaid.effects import Samples
 from pumaid.effects.formula import clock_of_step
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, pseudo_inverse
+from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, inverse_root
 from pumaid.model import Model, loads_at
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
@@ -158,10 +158,10 @@ class Fit:
         """(p,) linear parameters, in the order of the model's columns."""
         return self.solution.values
 
-    @property
+    @cached_property
     def inverse(self) -> Floats:
         """(P, P) inverse information of parameters and ratios, priors included."""
-        return self.solution.linear.inverse
+        return np.asarray(self.solution.linear.half @ self.solution.linear.half.T)
 
     def scales(self) -> Floats:
         """(J, J) eta_i / eta_j of links as the fit has them; NaN where unknown, 0 below the diagonal."""
@@ -272,10 +272,10 @@ def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Sampl
 
 
 def at_bins(fitted: Fit, bins: JointBins) -> Fit:
-    """The same fit with one joint's row at other bins, noise as these show it."""
-    other = fitted.with_rows({bins.joint: fitted.at(bins)})
-    inverse, _ = pseudo_inverse(other.information() + np.diag(fitted.prior**2))
-    linear = replace(fitted.solution.linear, inverse=inverse)
+    """The same fit with one joint's row at other bins, noise as these show it; what it holds stays held."""
+    other, half = fitted.with_rows({bins.joint: fitted.at(bins)}), fitted.solution.linear.half
+    half = half @ inverse_root(half.T @ (other.information() + np.diag(fitted.prior**2)) @ half)
+    linear = replace(fitted.solution.linear, half=half)
     return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)
 
 

@@ -25,8 +25,9 @@ from pumaid.diagnosis.score_test import (
 from pumaid.diagnosis.stepwise import rmse
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
+from pumaid.estimation import gls
 from pumaid.estimation.fit import Fit, FitRow, Projector, design_of, loaded
-from pumaid.estimation.gls import fit_with_replicates
+from pumaid.estimation.gls import fit_with_replicates, limits
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.model import Model
@@ -200,6 +201,22 @@ def test_falls_of_an_effect_in_several_joints():
     folds = replicate_folds(solved, [1, 2])[::6]
     expected = [brute(solved, bent, fold) for fold in folds]
     np.testing.assert_allclose(leave_out(solved, bent, folds).falls, expected, rtol=1e-3, atol=1e-2)
+
+
+def test_what_the_fit_holds_stays_held_where_runs_leave(monkeypatch):
+    """Viscous friction that a fit holds at zero, as where data tell nothing of it, is not let go by a run that leaves.
+
+    Before, a step away from a fit that was none was taken for it, and true effects were told to predict runs worse.
+    """
+    lab = Lab.of(LEVER, design(LEVER), HIDDEN)
+    is_viscous = np.array([column.effect == "viscous" for column in lab.model.columns])
+    monkeypatch.setattr(gls, "limits", lambda rows, model: np.where(is_viscous, 1e-9, limits(rows, model)))
+    solved, folds = lab.fitted(lab.noisy(1)), [(1, (run,)) for run in range(0, 32, 5)]
+    row = solved.by_bin[1]
+    assert np.all(np.abs(solved.values[is_viscous]) < 1e-9) and np.all(row.bare[:, is_viscous].any(axis=0))
+    without = solved.with_rows({1: replace(row, bare=np.where(is_viscous, 0.0, row.bare))})
+    expected = [brute(without, STRIBECK, fold) for fold in folds]
+    np.testing.assert_allclose(leave_out(solved, STRIBECK, folds).falls, expected, rtol=1e-3, atol=1e-2)
 
 
 def test_what_the_model_draws_inside_bins_is_no_error():
