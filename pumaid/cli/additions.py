@@ -19,10 +19,10 @@ from pumaid.reporting.text import left_out_sentence, step_sentence
 from pumaid.results.history import keep
 from pumaid.robot import EffectChoice, Robot
 
-#: Share by which an addition may raise the error of the fitted runs: by rounding, not more.
+#: Share by which an addition may raise the error of the fitted runs, or of its joint's held-out ones.
 MAY_RISE = 0.01
-#: Effects that one call adds at most: beyond that the catalogue is stretched over something that it does not have.
-MOST_ADDED = 4
+#: Effects that one call adds at most.
+MOST_ADDED = 24
 
 
 def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:
@@ -120,7 +120,7 @@ def added(
 ) -> tuple[Diagnosis, Estimate]:
     """Add what was found, one effect at a time, and diagnose anew, until nothing is left that can be added.
 
-    An effect with which the refit misses the fitted runs by more than before is left out, and the adding ends.
+    An effect with which the refit misses the fitted runs, or those held out, by more than before is left out.
 
     Parameters
     ----------
@@ -137,24 +137,40 @@ def added(
         The last ones; what was added stands in the diagnosis' `applied`.
     """
     keep(model, estimate)
-    done: list[Finding] = []
-    while len(done) < MOST_ADDED and (new := [item for item in diagnosis.findings if _is_addable(item, estimate)]):
-        for finding in new[: MOST_ADDED - len(done)]:
+    done, refused = list[Finding](), list[Finding]()
+
+    def addable() -> list[Finding]:
+        names = [(item.effect, item.joint) for item in refused]
+        new = [item for item in diagnosis.findings if _is_addable(item, estimate)]
+        return [item for item in new if (item.effect, item.joint) not in names][: MOST_ADDED - len(done)]
+
+    while new := addable():
+        count = len(done)
+        for finding in new:
             # The shape is left open, but where the same effect may stand there twice.
             shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
             fresh = identified(
                 dataset, robot, effects=(*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
             )
-            before, after = estimate.pooled("rmse") or 0.0, fresh.pooled("rmse") or 0.0
-            if after > (1.0 + MAY_RISE) * before:
-                tell(left_out_sentence(finding, before, after, robot=robot))
-                return replace(diagnosis if finding is new[0] else again(estimate), applied=tuple(done)), estimate
+            before, after = _errors(estimate, finding.joint), _errors(fresh, finding.joint)
+            runs = next((runs for runs in before if after[runs] > (1.0 + MAY_RISE) * before[runs]), None)
+            if runs is not None:
+                tell(left_out_sentence(finding, runs=runs, before=before[runs], after=after[runs], robot=robot))
+                refused.append(finding)
+                continue
             keep(model, fresh)
             done.append(finding)
             tell(step_sentence(finding, estimate, fresh, robot=robot, number=len(done)))
             estimate = fresh
-        diagnosis = again(estimate)
+        if len(done) > count:
+            diagnosis = again(estimate)
     return replace(diagnosis, applied=tuple(done)), estimate
+
+
+def _errors(estimate: Estimate, joint: int | None) -> dict[str, float]:
+    """RMSE (A) of the fitted runs, and of those held out of a joint, or of all."""
+    heldout = estimate.heldout if joint is None else estimate.joint(joint).heldout
+    return {"fitted": estimate.pooled("rmse") or 0.0} | ({} if heldout is None else {"held-out": heldout})
 
 
 def _is_addable(finding: Finding, estimate: Estimate) -> bool:

@@ -49,7 +49,7 @@ SAME, ALIKE = 0.5, 0.01
 #: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
 #: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called
 #: unexplained.
-MOST_ADDED, LEADERS, LOOKS, MOST_DENIED = 4, 10, 2, 4
+MOST_ADDED, LEADERS, LOOKS, MOST_DENIED = 24, 10, 2, 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -493,11 +493,11 @@ def step_sentence(finding: Finding, before: Estimate, after: Estimate, *, robot:
     return f"{words}."
 
 
-def left_out_sentence(finding: Finding, before: float, after: float, *, robot: Robot) -> str:
-    """That an effect was not added, because the RMSE (A) of the fitted runs rose."""
+def left_out_sentence(finding: Finding, *, runs: str, before: float, after: float, robot: Robot) -> str:
+    """That an effect was not added, because the RMSE (A) of the ``fitted`` or ``held-out`` runs rose."""
     return (
-        f"Not added: {label(finding.effect)} {_at(finding, robot)}. It raises the RMSE of the fitted runs from"
-        f" {amperes(before)} to {amperes(after)}, so these runs do not separate it from the model's other terms."
+        f"Not added: {label(finding.effect)} {_at(finding, robot)}. It raises the RMSE of the {runs} runs from"
+        f" {amperes(before)} to {amperes(after)}, so the fitted runs do not separate it from the model's other terms."
     )
 
 

@@ -314,24 +314,24 @@ def test_a_ripple_is_folded_on_its_period():
     assert side.before == pytest.approx(0.05 * np.cos(40.0 * side.centres), abs=2e-3)  # a bin is 1/32 of a period
 
 
-def stretched(estimate, factor):
-    """The same fit, every joint missed by `factor` times as much."""
-    return replace(estimate, joints=tuple(replace(one, rmse=factor * one.rmse) for one in estimate.joints))
+def missing_by(estimate, fitted, heldout):
+    """The same fit with other errors (A) of fitted and held-out runs at every joint."""
+    return replace(estimate, joints=tuple(replace(joint, rmse=fitted, heldout=heldout) for joint in estimate.joints))
 
 
-@pytest.mark.parametrize(("factor", "kept"), [(1.2, 0), (0.9, 1)])
-def test_what_makes_the_fit_worse_is_left_out(monkeypatch, tmp_path, factor, kept):
-    """The model on disk stays, the user is told both errors, and nothing more is added; a better fit is kept."""
+@pytest.mark.parametrize(("fitted", "heldout", "kept"), [(0.024, 0.02, 0), (0.018, 0.024, 0), (0.018, 0.02, 1)])
+def test_what_makes_an_error_rise_is_left_out(monkeypatch, tmp_path, fitted, heldout, kept):
+    """The model on disk stays and the user is told both errors, of fitted or of held-out runs; a better fit is kept."""
     lab, told = lever(), []
-    estimate = replace(lab.estimate, joints=tuple(replace(one, rmse=0.02) for one in lab.estimate.joints))
-    monkeypatch.setattr("pumaid.estimation.estimate.identify", lambda *args, **more: stretched(estimate, factor))
+    estimate, after = missing_by(lab.estimate, 0.02, 0.02), missing_by(lab.estimate, fitted, heldout)
+    monkeypatch.setattr("pumaid.estimation.estimate.identify", lambda *args, **more: after)
     found = Finding("spring", 1, {}, ADD, "", 0.001, rivals=("counterbalance",))
     diagnosis = Diagnosis(lab.robot.name, (), (found,))
     more = {"model": tmp_path / "model.json", "tell": told.append}
     more["again"] = lambda model: replace(diagnosis, findings=())
     done, last = added(diagnosis, estimate, Dataset(lab.runs), robot=lab.robot, **more)
     assert len(done.applied) == kept
-    assert last.joints[0].rmse == pytest.approx(0.02 * (factor if kept else 1.0))
+    assert last.joints[0].rmse == pytest.approx(fitted if kept else 0.02)
     assert ("Not added" in told[0]) is (kept == 0) and len(told) == 1
     if kept:
         assert "Added spring at joint 1 (joint 1) (these data do not separate it from counterbalance)." in told[0]
