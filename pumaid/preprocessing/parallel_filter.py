@@ -21,8 +21,10 @@ CURVE = np.array([0.0, 1.0, -2.0, 1.0, 0.0])
 FEWEST, FEWEST_OF_SOME = 16, 32
 #: Mean steps between currents from which there is a hole between two of them.
 MOST_APART = 2.5
-#: Largest share of an acceleration's own course, beyond weight and friction, that is taken for noise.
-MOST_NOISE = 0.9
+#: Share of an acceleration's own course, beyond weight and friction, that may be noise: inertia comes out too small by
+#: as much, and by tens of times that where the current's noise is slow. Most of a stroke that a filter spans to that
+#: end; beyond it the share of noise is taken out, up to a largest one.
+MOST_NOISE, MOST_SPANNED, LARGEST_SHARE = 0.003, 1.0 / 6.0, 0.9
 #: Samples between which noise is looked for.
 LAGS = (1, 2, 3, 5)
 
@@ -51,11 +53,14 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     it, sharp currents make inertia, weight and viscous friction too large. With the average that the acceleration is
     by nature, of all columns and of the current, least squares returns the truth whatever the motion.
     A ripple that is faster than the filter stays in the current; what remains of it counts as scatter inside bins.
+    `window` (s) is the shortest span of the filter: it grows until accelerations hold next to no noise, which would
+    make inertia too small; of what no filter of a short stroke takes out they are calibrated.
 
     Source
     ------
     M. Gautier, Dynamic identification of robots with power model, ICRA 1997: parallel filtering, here by the kernel
-    of A. Savitzky and M. J. E. Golay's second derivative.
+    of A. Savitzky and M. J. E. Golay's second derivative. R. J. Carroll et al., Measurement Error in Nonlinear Models,
+    2nd ed. (2006), ch. 3 and 4.
     """
     position, current = log.position[:, joint - 1], log.current[:, joint - 1]
     measured = np.isfinite(current)
@@ -83,33 +88,22 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     posture = np.column_stack([np.interp(bin_time, log.time, column) for column in log.position.T])
     posture[:, joint - 1] = moving
     weights = np.convolve(curve, np.full(round(len(rows) / len(starts)), 1.0 / round(len(rows) / len(starts))))
-    noise = _variance(q) * float(weights @ weights)
+    beyond = _residual(acceleration, [np.cos(moving), np.sin(moving), speed])
+    share = _variance(q) * float(weights @ weights) * len(starts) / max(float(beyond @ beyond), 1e-300)
+    if share > MOST_NOISE and len(kernel) < MOST_SPANNED * len(at):
+        return stroke_bins(log, joint, time=time, window=max(1.25 * window, window + 2.0 * step))
     before = np.clip(np.searchsorted(log.time, bin_time, side="right") - 1, 0, len(log) - 1)
     return Bins(
         count=count,
         time=bin_time,
         position=posture,
         velocity=speed,
-        acceleration=_calibrated(moving, speed, acceleration, noise=noise),
+        acceleration=acceleration - min(share, LARGEST_SHARE) * beyond,
         current=binned,
         variance=finite_means((plain - np.repeat(binned, count)) ** 2, starts),
         temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, joint - 1],
         extra=None if log.extra is None else log.extra[before],
     )
-
-
-def _calibrated(position: Floats, speed: Floats, acceleration: Floats, *, noise: float) -> Floats:
-    """(B,) accelerations less the share of them that is noise of variance `noise`.
-
-    Noise in a regressor makes its parameter too small by its share of what the regressor has beyond the others.
-
-    Source
-    ------
-    R. J. Carroll et al., Measurement Error in Nonlinear Models, 2nd ed. (2006), ch. 4: regression calibration.
-    """
-    beyond = _residual(acceleration, [np.cos(position), np.sin(position), speed])
-    square = float(beyond @ beyond)
-    return acceleration - min(noise * len(beyond) / square, MOST_NOISE) * beyond if square > 0.0 else acceleration
 
 
 def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:

@@ -57,15 +57,20 @@ def stroke(rate: float, seed: int, *, count: float = 1e-5, jitter: float = 0.0, 
     return log.part(slice(start, stop)), window
 
 
-def bias(rate: float, **conditions: float) -> np.ndarray:
-    """(5,) mean error over 40 strokes of least squares on their bins, in units of the truth."""
+def bias(rate: float, *, alike: float = 0.0, **conditions: float) -> np.ndarray:
+    """(5,) mean error over 40 strokes of least squares on their bins, in units of the truth.
+
+    It is weighted for noise of which neighbouring bins share `alike`.
+    """
     fitted = []
     for seed in range(40):
         log, window = stroke(rate, seed, **conditions)
         bins = stroke_bins(log, 1, time=log.time, window=window)
         q = bins.position[:, 0]
         columns = [np.cos(q), np.sin(q), np.ones(len(q)), bins.velocity, bins.acceleration]
-        fitted.append(np.linalg.lstsq(np.column_stack(columns), bins.current, rcond=None)[0])
+        table = np.column_stack([*columns, bins.current])
+        table = table[1:] - alike * table[:-1]
+        fitted.append(np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=None)[0])
     return (np.mean(fitted, axis=0) - TRUTH) / TRUTH
 
 
@@ -85,6 +90,12 @@ def test_sharp_corners_make_no_inertia(rate, conditions, within):
     """The inertia of a trapezoid of speed is right to 0.3 %, to 1 % of few samples or through a coarse encoder."""
     found = bias(rate, **conditions)
     assert abs(found[4]) < within and (within > 0.003 or "one_in" in conditions or abs(found[1]) < 0.02)
+
+
+@pytest.mark.parametrize("rate", [250.0, 500.0, 1000.0])
+def test_inertia_is_right_where_noise_is_slow(rate):
+    """Weights for slow noise ask what changes from bin to bin, where noise in accelerations was most of them."""
+    assert abs(bias(rate, alike=0.7, count=1e-3)[4]) < 0.02
 
 
 def test_too_few_currents_make_no_stroke():
