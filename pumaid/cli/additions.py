@@ -22,7 +22,7 @@ from pumaid.robot import EffectChoice, Robot
 #: Share by which an addition may raise the error of the fitted runs, or of its joint's held-out ones.
 MAY_RISE = 0.01
 #: Effects that one call adds at most.
-MOST_ADDED = 24
+MOST_ADDED = 12
 
 
 def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:

@@ -22,6 +22,7 @@ from pumaid.diagnosis.score_test import (
 )
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, catalogue
+from pumaid.errors import ModelError
 from pumaid.estimation.fit import Fit, Projector, at_bins, loaded
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
@@ -49,7 +50,7 @@ SAME, ALIKE = 0.5, 0.01
 #: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
 #: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called
 #: unexplained.
-MOST_ADDED, LEADERS, LOOKS, MOST_DENIED = 24, 10, 2, 4
+MOST_ADDED, LEADERS, LOOKS, MOST_DENIED = 12, 10, 2, 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -226,7 +227,11 @@ class Stepwise:
                 return step.scan.solved
             self.added.append(step.chosen.trial.added)
             self.accepted.append(step.chosen)
-            self._exchange()
+            try:
+                self._exchange()
+            except ModelError:  # with it the fit goes astray
+                del self.added[-1], self.accepted[-1]
+                return step.scan.solved
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
         """Score all candidates with the noise that is left once each joint's leading one is out, and judge.
@@ -249,8 +254,12 @@ class Stepwise:
         evaluated = [self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances)]
         evaluated.sort(key=lambda item: -item.evidence)
         chosen = next((item for item in evaluated if item.fault is None), None)
-        if chosen is not None:
-            chosen = replace(chosen, rivals=self._rivals(chosen, evaluated, self.solved([*added, chosen.trial.added])))
+        try:
+            after = None if chosen is None else self.solved([*added, chosen.trial.added])
+        except ModelError:  # with it the fit goes astray
+            chosen = None
+        if chosen is not None and after is not None:
+            chosen = replace(chosen, rivals=self._rivals(chosen, evaluated, after))
         return Step(table, chances, chosen, tuple(evaluated))
 
     def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:

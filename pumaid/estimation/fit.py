@@ -11,6 +11,7 @@ from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
 from pumaid.effects.formula import clock_of_step
+from pumaid.errors import ModelError, Where
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, inverse_root
@@ -49,10 +50,13 @@ class Row:
     def of(
         cls, bins: JointBins, design: Floats, inner: NoiseModel, *, moved: Floats | None = None, slow: float = 1.0
     ) -> "Row":
-        """Whitened and reduced; `moved` is (N, P)."""
+        """Whitened and reduced; `moved` is (N, P). Raises ModelError (effects-astray) where a column overflows."""
         acting, more = np.flatnonzero(design.any(axis=0)), np.zeros((0, len(bins))) if moved is None else moved.T
-        parts = [bins.harmonic.T, more, design.T[acting], np.ones(len(bins)), bins.current]
-        table = inner.decorrelated(bins, np.vstack(parts).T)  # column after column
+        parts = np.vstack([bins.harmonic.T, more, design.T[acting], np.ones(len(bins)), bins.current])
+        if not np.isfinite(parts).all():
+            where, mend = Where(joint=bins.joint), "add fewer effects; nothing was written"
+            raise ModelError("effects-astray", f"columns of joint {bins.joint} overflow: it went astray", where, mend)
+        table = inner.decorrelated(bins, parts.T)  # column after column
         small, counts, _ = reduced(bins, table[:, :-2], table[:, -2:])
         regressors, before = np.zeros((*small.shape[:2], design.shape[1])), 2 + len(more)
         regressors[:, :, acting] = small[:, :, before:-2]

@@ -10,6 +10,7 @@ from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment
 
 from pumaid.dataset import Dataset
 from pumaid.effects import Samples
+from pumaid.errors import ModelError
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
@@ -31,6 +32,16 @@ def test_weights_are_each_joints_own():
         errors.append(np.sqrt(np.diag(fitted.inverse)))
     index = Model(CRANE).names.index("viscous.j3.plus")
     assert errors[1][index] == pytest.approx(errors[0][index], rel=0.05)
+
+
+def test_a_column_that_overflows_is_refused():
+    """An effect that a search took too far is told, with its joint, not met as an error of the algebra."""
+    row = fit_runs(CRANE, dataset(drawn(CRANE), experiment(CRANE)).runs).rows[0]
+    design = row.design.copy()
+    design[3, 0] = np.inf
+    with pytest.raises(ModelError, match="overflow") as refused:
+        type(row).of(row.bins, design, row.inner)
+    assert refused.value.slug == "effects-astray" and refused.value.where.joint == row.joint
 
 
 def test_few_runs_take_their_noise_from_inside():
