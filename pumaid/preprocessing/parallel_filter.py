@@ -52,7 +52,8 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     An acceleration from positions that are smoothed is blunt at its corners where the current is not: regressed on
     it, sharp currents make inertia, weight and viscous friction too large. With the average that the acceleration is
     by nature, of all columns and of the current, least squares returns the truth whatever the motion.
-    A ripple that is faster than the filter stays in the current; what remains of it counts as scatter inside bins.
+    A ripple that is faster than the filter stays in the current; what remains of it counts as scatter inside bins, but
+    what follows the motion's corners, which the average takes from motion and current alike.
     `window` (s) is the shortest span of the filter: it grows until accelerations hold next to no noise, which would
     make inertia too small; of what no filter of a short stroke takes out they are calibrated.
 
@@ -80,16 +81,15 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
     # What is interpolated across a hole is no row.
     right = np.clip(np.searchsorted(at, even[inner]), 1, len(at) - 1)
     rows = at[right] - at[right - 1] < MOST_APART * step if not measured.all() else np.ones(len(right), np.bool_)
-    plain, instants = sampled[inner][rows], even[inner][rows]
+    instants = even[inner][rows]
     filtered = (smoothed + _without_motion(sampled[inner] - smoothed, motion, kernel))[rows]
     starts, count = spans(instants, MOST_BINS)
     means = finite_means(np.column_stack([instants - instants[0], motion[rows], filtered]), starts)
     bin_time, (moving, speed, acceleration, binned) = instants[0] + means[:, 0], means[:, 1:].T
     posture = np.column_stack([np.interp(bin_time, log.time, column) for column in log.position.T])
     posture[:, joint - 1] = moving
-    weights = np.convolve(curve, np.full(round(len(rows) / len(starts)), 1.0 / round(len(rows) / len(starts))))
     beyond = _residual(acceleration, [np.cos(moving), np.sin(moving), speed])
-    share = _variance(q) * float(weights @ weights) * len(starts) / max(float(beyond @ beyond), 1e-300)
+    share = _noise_share(q, curve, beyond, per_bin=round(len(rows) / len(starts)))
     if share > MOST_NOISE and len(kernel) < MOST_SPANNED * len(at):
         return stroke_bins(log, joint, time=time, window=max(1.25 * window, window + 2.0 * step))
     before = np.clip(np.searchsorted(log.time, bin_time, side="right") - 1, 0, len(log) - 1)
@@ -100,10 +100,16 @@ def stroke_bins(log: Log, joint: int, *, time: Floats, window: float) -> Bins | 
         velocity=speed,
         acceleration=acceleration - min(share, LARGEST_SHARE) * beyond,
         current=binned,
-        variance=finite_means((plain - np.repeat(binned, count)) ** 2, starts),
+        variance=finite_means((filtered - np.repeat(binned, count)) ** 2, starts),
         temperature=np.full(len(starts), np.nan) if log.temperature is None else log.temperature[before, joint - 1],
         extra=None if log.extra is None else log.extra[before],
     )
+
+
+def _noise_share(position: Floats, curve: Floats, beyond: Floats, *, per_bin: int) -> float:
+    """Share of noise in the square of accelerations `beyond` (B,) other columns, means of `per_bin` from positions."""
+    weights = np.convolve(curve, np.full(per_bin, 1.0 / per_bin))
+    return _variance(position) * float(weights @ weights) * len(beyond) / max(float(beyond @ beyond), 1e-300)
 
 
 def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:

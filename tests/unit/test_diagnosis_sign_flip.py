@@ -172,7 +172,7 @@ def test_more_noise_and_fewer_runs_raise_limits():
 
 
 def test_a_ripples_limit_is_the_amplitude_that_is_found():
-    """Where the spectrum tells as much as in the median: at that amplitude in half or more, at three tenths seldom."""
+    """Where the spectrum tells as much as in the median: at it in three of four or more, at three tenths seldom."""
     first = look(lever(), 905)
     limit, spectrum = told(first)["ripple", 1].size, first.scan.spectra[0]
     information = (spectrum.information * spectrum.power)[spectrum.seen]
@@ -183,7 +183,7 @@ def test_a_ripples_limit_is_the_amplitude_that_is_found():
     for share in (0.3, 1.0):
         looks = [look(lever(), seed, wave, share * remains * limit) for seed in range(8)]
         hits[share] = sum(one.chosen is not None and one.chosen.key == ("ripple", 1) for one in looks)
-    assert hits[0.3] <= 3 and hits[1.0] >= 4
+    assert hits[0.3] <= 3 and hits[1.0] >= 6
 
 
 @pytest.mark.parametrize(
