@@ -1,5 +1,6 @@
 """Fits and diagnoses of the command line, and adding what was found: the command for it, and ``--apply``."""
 
+import math
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -140,9 +141,8 @@ def added(
     done, refused = list[Finding](), list[Finding]()
 
     def addable() -> list[Finding]:
-        names = [(item.effect, item.joint) for item in refused]
         new = [item for item in diagnosis.findings if _is_addable(item, estimate)]
-        return [item for item in new if (item.effect, item.joint) not in names][: MOST_ADDED - len(done)]
+        return [item for item in new if not any(_is_same(item, other) for other in refused)][: MOST_ADDED - len(done)]
 
     while new := addable():
         count = len(done)
@@ -171,6 +171,13 @@ def _errors(estimate: Estimate, joint: int | None) -> dict[str, float]:
     """RMSE (A) of the fitted runs, and of those held out of a joint, or of all."""
     heldout = estimate.heldout if joint is None else estimate.joint(joint).heldout
     return {"fitted": estimate.pooled("rmse") or 0.0} | ({} if heldout is None else {"held-out": heldout})
+
+
+def _is_same(finding: Finding, other: Finding) -> bool:
+    """Whether two findings are one: of what may stand at a joint several times, with shapes alike."""
+    is_one = (finding.effect, finding.joint) == (other.effect, other.joint)
+    shapes = other.shape if catalogue()[other.effect].is_repeatable else {}
+    return is_one and all(math.isclose(finding.shape[name], size, rel_tol=0.01) for name, size in shapes.items())
 
 
 def _is_addable(finding: Finding, estimate: Estimate) -> bool:

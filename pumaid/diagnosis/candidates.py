@@ -242,7 +242,7 @@ class Spectrum:
     is_pieces: bool = False
 
     @property
-    def seen(self) -> slice:
+    def visible(self) -> slice:
         """Frequencies from the lowest up to that at which bins average half of a wave's power away."""
         is_lost = self.power < 0.5
         return slice(0, int(is_lost.argmax()) if is_lost.any() else len(is_lost))

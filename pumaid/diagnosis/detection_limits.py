@@ -55,13 +55,13 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
         out[key] = _limit(robot, group[0].effect, key, float(np.median(sizes or [np.inf])))
     for waves in scan.spectra:
         shift = needed(family.threshold(waves.key, LEVEL), PERIODIC, runs=len(waves.scores))
-        information = (waves.information * waves.power)[waves.seen]
+        information = (waves.information * waves.power)[waves.visible]
         size = max(
             shift * float(np.sqrt(scale / np.median(information))) if len(information) else np.inf,
             errors[waves.key[1] or 0] * float(np.sqrt(2.0 * WORTH / WAVE)),
         )
         limit = _limit(robot, catalogue()[waves.key[0]], waves.key, size)
-        at_end = {"up_to": float(waves.frequency[waves.seen][-1])} if len(information) else {"reason": AVERAGED}
+        at_end = {"up_to": float(waves.frequency[waves.visible][-1])} if len(information) else {"reason": AVERAGED}
         out[waves.key] = replace(limit, **at_end)
     return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
 

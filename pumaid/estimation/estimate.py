@@ -261,8 +261,7 @@ def notes_on(
     of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
     signs = [] if frictionless else list(of_signs(estimate.values, of_speed))
     wrong_signs = [note for note in signs if note.slug == "sign-odd"]
-    # A wrong sign is why a model misses. What logs mean is asked before any effect is added.
-    causes = [] if effects else of_setups(fitted, [note.where.joint or 0 for note in missed])
+    causes = of_setups(fitted, [note.where.joint or 0 for note in missed])
     yield from (*frictionless, *causes, *of_weight(at_joints), *wrong_signs, *missed)
     if not frictionless and not missed:  # what makes a model miss, as a zero or a clock, looks like lengths, too
         yield from of_lengths(fitted)

@@ -190,9 +190,8 @@ class JointPrediction:
         self._is_part = names[:, None] == np.array(self.effects)
         weights = (self._factors * estimate.solution)[:, None] * self._is_part
         fine_parts = fine @ weights
-        if model.is_dynamic and {"gravity", INERTIA} <= {
-            *names
-        }:  # what parameters of weight ask of a joint by inertia is not weight
+        # What parameters of weight ask of a joint by inertia is not weight.
+        if model.is_dynamic and {"gravity", INERTIA} <= {*self.effects}:
             still = model.base(bins.nodes[0], (Scope.LINK,))
             weight, inertia = (self.effects.index(name) for name in ("gravity", INERTIA))
             moved = fine_parts[:, weight] - still @ weights[: still.shape[1], weight]

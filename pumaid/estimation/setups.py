@@ -224,8 +224,9 @@ class Setups:
 
 def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
     """A note on the other meaning of recipe and logs that explains best what a fit misses at joints, if any."""
-    candidates = Setups(fitted, missed).explanations() if missed else []
-    if not candidates:
+    setups = Setups(fitted, missed) if missed else None
+    candidates = setups.explanations() if setups is not None else []
+    if setups is None or not candidates:
         return []
     best, setup = candidates[0], candidates[0].setup
     turned, rivals = [k for k, factor in enumerate(setup.factors, start=1) if factor < 0.0], list[str]()
@@ -239,7 +240,7 @@ def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
         falls=f"the error left at joint {best.missed} falls from {number(best.now)} to {number(best.then)} A",
         order=", ".join(str(k + 1) for k in np.argsort(setup.order)),
         gravity=[round(part, 2) + 0.0 for part in setup.gravity],
-        opposite="" if any(row.bins.accelerates.any() for row in fitted.joints) else " or the other way",
+        opposite="" if setups.moves else " or the other way",
         scale=number(max(setup.factors, key=lambda factor: abs(factor - 1.0)), 3),
     )
     return [Note(setup.kind, text, Where(joint=joint))]

@@ -266,11 +266,10 @@ class Cleaner:
         quantities: dict[str, Any] = {"velocity": None}
         for quantity, places in self.columns.places.items():
             if len(places) or quantity == "current":
-                # Column after column, NaN where one is absent.
-                values = np.full((self.robot.n_joints, len(rows)), np.nan)
-                if len(places) < self.robot.n_joints and quantity != "extra":
+                if len(places) < self.robot.n_joints and quantity != "extra":  # NaN where one is absent
+                    values = np.full((self.robot.n_joints, len(rows)), np.nan)
                     values[places[:, 0]] = table[places[:, 1]]
-                else:
+                else:  # they stand side by side
                     values = table[places[0, 1] : places[-1, 1] + 1]
                 quantities[quantity] = values.T
         return Log(self.name, rows, table[0], **quantities)

@@ -175,7 +175,7 @@ def test_a_ripples_limit_is_the_amplitude_that_is_found():
     """Where the spectrum tells as much as in the median: at it in three of four or more, at three tenths seldom."""
     first = look(lever(), 905)
     limit, spectrum = told(first)["ripple", 1].size, first.scan.spectra[0]
-    information = (spectrum.information * spectrum.power)[spectrum.seen]
+    information = (spectrum.information * spectrum.power)[spectrum.visible]
     place = np.abs(information - np.median(information)).argmin()
     at, remains = float(spectrum.frequency[place]), float(np.sqrt(spectrum.power[place]))  # of a wave, in bins' means
     wave = EffectTerm(catalogue()["ripple"], 1, {"frequency": at})
