@@ -102,8 +102,7 @@ BUDGET_CAPTION = (
     " To name the effect behind a part: pumaid diagnose."
 )
 
-#: Ripples named in a sentence. Phase (rad per rad or m) up to which runs should show them: two waves a turn of a motor
-#: behind a gear of 1:160.
+#: Ripples named in a sentence. Phase (rad per rad or m) that runs should show: two waves a turn of a motor at 1:160.
 MOST_RIPPLES, FASTEST = 3, 320.0
 
 #: Prefix of the name of a column of the logs that the user suspects (``--suspect``), and what its shape ``times`` says.
@@ -593,8 +592,9 @@ def _fastest(joint: JointDiagnosis) -> float:
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """What limits the diagnosis, each sentence once with its joints."""
     joints = diagnosis.joints
-    texts = [(joint.joint, f"{text.rstrip('.')}.") for joint in joints for text in joint.weakened]
-    for joint in (joint for joint in joints if _fastest(joint)):
-        fastest, of = waves(_fastest(joint), robot.joint(joint.joint).position_unit)
-        texts.append((joint.joint, f"ripples of up to {fastest} {of} can be seen; slower motion shows faster ones."))
+    texts = [(item.joint, f"{text.rstrip('.')}.") for item in joints for text in item.weakened]
+    ends = [(_fastest(joint), robot.joint(joint.joint).position_unit, joint.joint) for joint in joints]
+    for unit, joint in ((unit, joint) for end, unit, joint in ends if end):
+        fastest, of = waves(min(end for end, of, _ in ends if end and of == unit), unit)
+        texts.append((joint, f"ripples of up to {fastest} {of} can be seen; slower motion shows faster ones."))
     return by_joint(texts, robot, count=len(joints))

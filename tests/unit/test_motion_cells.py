@@ -93,7 +93,7 @@ def test_ripples_are_promised_up_to_half_of_their_power():
     (bins, _), noise = joint_bins(robot, segment([log], robot).runs), np.random.default_rng(1)
     rest = noise.normal(size=len(bins))
     waves = spectrum(("ripple", 1), bins, noise_of(bins, rest), white=rest)
-    fastest = float(waves.frequency[waves.seen][-1])
+    fastest = float(waves.frequency[waves.visible][-1])
     rippled = replace(log, current=np.cos(fastest * q.T))
     drawn = joint_bins(robot, segment([rippled], robot).runs)[0].current
     assert np.mean(drawn**2) / 0.5 == pytest.approx(0.5, abs=0.05)
