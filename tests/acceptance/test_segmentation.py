@@ -8,7 +8,9 @@ import pytest
 from motion_worlds import INERTIA, SCENARIOS, VISCOUS, World, make, robot, score
 
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.evaluate import predictions, rmse
 from pumaid.io.recipe import read_recipe, shipped_recipes
+from pumaid.preprocessing.replicates import noise_floor, pairs
 from pumaid.preprocessing.segment import segment
 from pumaid.simulation import draw, simulate
 from pumaid.trajectory import Motion, Plan
@@ -32,9 +34,13 @@ def test_what_settles_after_a_ramp_is_no_friction():
     motions = [Motion(1, (0.0,) * 6, -way, way, v) for _ in range(6) for v in (0.12, 1.745) for way in (0.7, -0.7)]
     truth = draw(arm, 41)
     logs = simulate(arm, Plan(arm.name, tuple(motions)), seed=2, truth=truth, rate=250.0)
-    estimate = identify(segment(logs, arm), arm)
-    joint, known = estimate.joints[0], truth.parameters()
-    assert joint.rmse < 1.15 * joint.noise_floor
+    dataset, known = segment(logs, arm), truth.parameters()
+    estimate = identify(dataset, arm)
+    prediction = predictions(estimate, dataset, arm)[1]
+    constant = np.array([run.kind == "constant" for run in prediction.bins.runs])
+    floor, _ = noise_floor(pairs([run for run in prediction.bins.runs if run.kind == "constant"]))
+    assert constant.sum() == 12
+    assert rmse([(prediction, constant)]) < 1.05 * floor
     for name in ("coulomb.j1.plus", "coulomb.j1.minus", "viscous.j1.plus", "viscous.j1.minus"):
         value = estimate.value(name)
         assert abs(value.value - known[name]) < 3.0 * value.std_error
