@@ -25,8 +25,6 @@ MOST_APART = 2.5
 #: as much, and by tens of times that where the current's noise is slow. Most of a stroke that a filter spans to that
 #: end; beyond it the share of noise is taken out, up to a largest one.
 MOST_NOISE, MOST_SPANNED, LARGEST_SHARE = 0.003, 1.0 / 6.0, 0.9
-#: Times that accelerations are averaged anew: what an average takes from corners is a series in it (Neumann's).
-CORNERS = 2
 #: Samples between which noise is looked for.
 LAGS = (1, 2, 3, 5)
 
@@ -120,10 +118,8 @@ def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
     Regressed on weight, friction and inertia it gives nothing: least squares returns what it does of filtered currents.
     """
     position, speed, acceleration = motion.T
-    corners = [acceleration]
-    for _ in range(CORNERS):
-        corners.append(np.convolve(np.pad(corners[-1], len(kernel) // 2, mode="edge"), kernel, mode="valid"))
-    return _residual(fast, [np.cos(position), np.sin(position), speed, *corners])
+    blunter = np.convolve(np.pad(acceleration, len(kernel) // 2, mode="edge"), kernel, mode="valid")
+    return _residual(fast, [np.cos(position), np.sin(position), speed, acceleration, blunter])
 
 
 def _residual(values: Floats, regressors: list[Floats]) -> Floats:
