@@ -22,7 +22,15 @@ def current(document: dict, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         for m, step in ((m, np.eye(len(q))[m] * STEP) for m in asked):
             ends = [loads(document, q + sign * step)[0][i] for sign in (1, -1)]
             names[f"slope_{m + 1}"] = (ends[0] - ends[1]) / (2 * STEP)
-        functions = {"sin": np.sin, "cos": np.cos, "exp": np.exp, "sqrt": np.sqrt, "abs": abs, "max": max}
+        functions = {
+            "sin": np.sin,
+            "cos": np.cos,
+            "tanh": np.tanh,
+            "exp": np.exp,
+            "sqrt": np.sqrt,
+            "abs": abs,
+            "max": max,
+        }
         out[i] = load[i] + base + sum(eval(one["formula"], functions | names) for one in terms)
     return out
 

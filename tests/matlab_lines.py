@@ -30,7 +30,7 @@ def _result(found):
     return np.asarray(found, dtype=float).view(Table) if np.ndim(found) else float(found)
 
 
-KNOWN = {name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign", "power")}
+KNOWN = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign", "power")}
 KNOWN |= {"max": np.maximum, "min": np.minimum, "numel": np.size, "struct": SimpleNamespace, "copied": deepcopy}
 KNOWN["isempty"] = lambda values: np.size(values) == 0
 KNOWN |= {

@@ -1,6 +1,6 @@
 """What an effect sees of a motion, and its formula: one text from which columns, exports and documents are made.
 
-A formula is Python arithmetic with ``sin cos exp sqrt abs sign max`` and comparisons, linear in the effect's
+A formula is Python arithmetic with ``sin cos tanh exp sqrt abs sign max`` and comparisons, linear in the effect's
 parameters. Parameters and shapes stand in it by their own names. Of the joint whose current it is:
 
 - ``q``, ``qd``, ``qdd`` its position, velocity, acceleration; ``s`` +1 while its shaft turns forward, else -1;
@@ -35,7 +35,7 @@ REFERENCE = 25.0
 PLACES = 5
 #: What a formula may call.
 FUNCTIONS = {
-    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")},
+    **{name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign")},
     "max": np.maximum,
 }
 

@@ -21,7 +21,10 @@ class LoadFriction(Effect):
     )
     family = Family.LOAD
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
-    look_alikes = ("position_friction", "side_load_friction", "torque_droop", "saturation")
+    look_alikes = (
+        *("position_friction", "side_load_friction", "load_friction_square", "stribeck_load"),
+        *("torque_droop", "saturation"),
+    )
     linear = (  # a load never helps the motion
         Parameter("drive", "1", "friction per load while the motor lifts it", "drive{n}", 0.12, -5.0, 5.0, sign=1),
         Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0, sign=1),

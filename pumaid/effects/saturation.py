@@ -20,6 +20,6 @@ class Saturation(Effect):
     )
     family = Family.CURRENT
     seen_in = "runs in which the current comes near its limit: fast, under much load"
-    look_alikes = ("torque_droop", "stribeck", "viscous_power", "inertia")
+    look_alikes = ("torque_droop", "stribeck", "smooth_friction", "viscous_power", "inertia")
     linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0, sign=1),)
     nonlinear = (Shape("limit", "A", "current above which it is clipped", 1e-4, 1e3, 2.0, starts=SHARES, of="current"),)

@@ -25,7 +25,7 @@ class Stribeck(Effect):
     )
     family = Family.SPEED
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
-    look_alikes = ("viscous_power", "torque_droop", "saturation")
+    look_alikes = ("viscous_power", "smooth_friction", "torque_droop", "saturation")
     linear = (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1, sign=1),)
     nonlinear = (
         Shape("velocity", "{unit}/s", "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),

@@ -18,5 +18,12 @@ class TorqueDroop(Effect):
     )
     family = Family.CURRENT
     seen_in = "runs under much and little load, up to high currents"
-    look_alikes = ("saturation", "load_friction", "viscous_power", "stribeck")
+    look_alikes = (
+        "saturation",
+        "load_friction",
+        "viscous_power",
+        "stribeck",
+        "smooth_friction",
+        "load_friction_square",
+    )
     linear = (Parameter("a", "1/A2", "share of current added at 1 A", "a{n}", 0.01, sign=1),)

@@ -19,7 +19,7 @@ class ViscousPower(Effect):
     )
     family = Family.SPEED
     seen_in = "runs both ways at four speeds or more, up to the fastest allowed"
-    look_alikes = ("stribeck", "torque_droop", "saturation")
+    look_alikes = ("stribeck", "smooth_friction", "torque_droop", "saturation")
     linear = (Parameter("b", "A", "current at unit speed (1 rad/s or 1 m/s)", "b{n}", 0.15),)
     nonlinear = (Shape("exponent", "1", "power of speed", 0.1, 4.0, 0.5, starts=(0.25, 0.5, 1.5, 2.0, 3.0)),)
 

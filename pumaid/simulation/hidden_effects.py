@@ -114,9 +114,16 @@ LAWS = {
     "stribeck": Law(
         Kind.FRICTION, lambda at, a, velocity, exponent: a * np.exp(-((np.abs(at.velocity) / velocity) ** exponent))
     ),
+    "smooth_friction": Law(
+        Kind.FRICTION, lambda at, a, velocity: 2.0 * a / (1.0 + np.exp(-2.0 * np.abs(at.velocity) / velocity)) - 2.0 * a
+    ),
     "viscous_power": Law(Kind.FRICTION, lambda at, b, exponent: b * np.abs(at.velocity) ** exponent),
     "load_friction": Law(
         Kind.FRICTION, lambda at, drive, back: np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back)
+    ),
+    "load_friction_square": Law(Kind.FRICTION, lambda at, a: a * at.load**2),
+    "stribeck_load": Law(
+        Kind.FRICTION, lambda at, a, velocity: a * np.abs(at.load) * np.exp(-((np.abs(at.velocity) / velocity) ** 1.3))
     ),
     "side_load_friction": Law(Kind.FRICTION, lambda at, mu: mu * at.across, needs_masses=True),
     "position_friction": Law(Kind.FRICTION, lambda at, cos, sin, harmonic: _waves(at, cos, sin, harmonic)),
@@ -152,9 +159,12 @@ def usual_values(joint: Mapping[str, float]) -> dict[str, dict[str, float]]:
     with np.errstate(all="ignore"):
         usual = {
             "stribeck": {"a": 0.4 * c, "velocity": 0.2 * joint["speed"], "exponent": 1.0},
+            "smooth_friction": {"a": 0.6 * c, "velocity": 0.2 * joint["speed"]},
             # As much as Coulomb friction at the highest speed: all but a tenth of it passes for viscous friction.
             "viscous_power": {"b": c / joint["speed"] ** 0.4, "exponent": 0.4},
             "load_friction": {"drive": 0.15, "back": 0.1},
+            "load_friction_square": {"a": 0.2 / np.float64(peak)},
+            "stribeck_load": {"a": 0.2, "velocity": 0.2 * joint["speed"]},
             "side_load_friction": {"mu": 0.4 * c / np.float64(joint["across"])},
             "position_friction": {"cos": 0.25 * c, "sin": 0.2 * c, "harmonic": 2.0},
             # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.

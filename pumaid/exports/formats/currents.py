@@ -140,7 +140,7 @@ C = Language(
 #: Functions of one posture or of many at once.
 PYTHON = Language(
     templates=("model.py.txt",),
-    names={name: f"np.{name}" for name in ("sin", "cos", "exp", "sqrt", "abs", "sign")}
+    names={name: f"np.{name}" for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign")}
     | {
         "max": "np.maximum",
         "q": "q[..., {i}]",

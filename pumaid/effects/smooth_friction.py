@@ -1,0 +1,34 @@
+"""Smooth friction: builds up with speed."""
+
+import numpy as np
+
+from pumaid.effects import Effect, Extent, Family, Parameter, Shape
+from pumaid.robot import Robot
+
+#: Starting speeds of the rise, from the slowest run to the fastest.
+STARTS = 5
+
+
+class SmoothFriction(Effect):
+    """Friction lacks a at the slowest motion and has its full value at a few times the speed `velocity`.
+
+    s is the sign of the motion, v the speed. Coulomb friction takes what does not change with speed, so this is what a
+    tanh(v/velocity) lacks of it: the opposite of a Stribeck fall. A positive a that is as large as Coulomb friction
+    means that friction goes through zero without a jump.
+    """
+
+    formula = "s * a * (tanh(v / velocity) - 1)"
+    source = (
+        "S. Andersson, A. Soderberg and S. Bjorklund, Friction models for sliding dry, boundary and mixed lubricated"
+        " contacts, Tribology International 40 (2007) 580-587; C. Makkar, W. E. Dixon, W. G. Sawyer and G. Hu, A new"
+        " continuously differentiable friction model for control systems design, IEEE/ASME AIM 2005, 600-605"
+    )
+    family = Family.SPEED
+    seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
+    look_alikes = ("stribeck", "viscous_power", "torque_droop", "saturation")
+    linear = (Parameter("a", "A", "what friction lacks at rest", "a{n}", 0.1, sign=1),)
+    nonlinear = (Shape("velocity", "{unit}/s", "speed at which friction has 76 % of its rise", 1e-4, 20.0, 0.15),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
+        speeds = np.geomspace(extent.speeds[0], max(extent.speeds[-1], 2.0 * extent.speeds[0]), STARTS)
+        return tuple({"velocity": float(v)} for v in np.clip(speeds, 1e-4, 20.0))

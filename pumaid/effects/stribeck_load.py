@@ -1,0 +1,37 @@
+"""Stribeck friction of a loaded gear."""
+
+import numpy as np
+
+from pumaid.effects import Effect, Extent, Family, Parameter, Shape, load_refusal
+from pumaid.robot import Robot
+
+#: Starting speeds of the fall, from below the slowest run to near the fastest.
+STARTS = 4
+
+
+class StribeckLoad(Effect):
+    """Friction that falls with speed, by a height in proportion to the size of the load.
+
+    s is the sign of the motion, v the speed, load gravity's current by the model (A). A film of oil that carries more
+    is thinner, and builds up at a higher speed. The exponent is the measured one of the source; what does not change
+    with speed is load_friction.
+    """
+
+    formula = "s * a * abs(load) * exp(-(v / velocity) ** 1.3)"
+    source = (
+        "A. C. Bittencourt and S. Gunnarsson, Static friction in a robot joint: modeling and identification of load and"
+        " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
+    )
+    family = Family.LOAD
+    seen_in = "runs both ways at four speeds or more, under much and little load"
+    look_alikes = ("load_friction",)
+    linear = (Parameter("a", "1", "height of the fall per load", "a{n}", 0.1, -5.0, 5.0, sign=1),)
+    nonlinear = (Shape("velocity", "{unit}/s", "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),)
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
+        slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
+        speeds = np.geomspace(slow, max(fast, 2.0 * slow), STARTS)
+        return tuple({"velocity": float(v)} for v in np.clip(speeds, 1e-4, 20.0))
+
+    def applies(self, robot: Robot, joint: int) -> str | None:
+        return load_refusal(robot, joint, must_change=True)

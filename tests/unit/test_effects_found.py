@@ -1,0 +1,70 @@
+"""Effects that look alike: hidden at twice its detection limit each is named, or stands beside what it looks like."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from searches import Din, Lab, design, with_current
+from worlds import PENDULUM
+
+from pumaid.diagnosis.detection_limits import detection_limits
+from pumaid.diagnosis.diagnose import DiagnosisBuilder
+from pumaid.diagnosis.stepwise import Stepwise
+from pumaid.simulation import Hidden
+
+DIN = Din(spread=0.01, correlation=0.6, level=0.006)
+PLAN = design(PENDULUM, postures=3)
+#: Seeds of the noise; none was looked at while the effects were written.
+SEEDS = (211, 212, 213)
+
+
+@cache
+def limits() -> dict:
+    """Of every effect at both joints, nothing being hidden."""
+    lab = Lab.of(PENDULUM, PLAN)
+    look = Stepwise(lab.model, lab.noisy(210, DIN)).look([])
+    return detection_limits(look.scan, look.family)
+
+
+def searched(lab: Lab, seed: int) -> DiagnosisBuilder:
+    """A finished search in one more draw of noise."""
+    search = Stepwise(lab.model, lab.noisy(seed, DIN))
+    search.run()
+    return DiagnosisBuilder(search)
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "shape"),
+    [
+        ("smooth_friction", 2, {"velocity": 0.5}),
+        ("stribeck_load", 1, {"velocity": 0.5}),
+        ("load_friction_square", 1, {}),
+        ("load_friction_square", 2, {}),
+    ],
+)
+def test_twice_its_limit_is_named(name, joint, shape):
+    """All that is found is the effect, or what it is a rival of; either way its size is right within three errors."""
+    size = 2.0 * limits()[name, joint].size
+    lab = Lab.of(PENDULUM, PLAN, Hidden(name, joint, {"a": size, **shape}))
+    for seed in SEEDS:
+        builder = searched(lab, seed)
+        (only,) = builder.search.accepted
+        assert only.key[1] == joint and name in (only.key[0], *(rival.key[0] for rival in only.rivals))
+        (told,) = next(one for one in builder.joint(joint, None).candidates if one.effect == name).sizes
+        assert told.value == pytest.approx(size, abs=3.0 * told.std_error)
+
+
+def test_friction_without_a_jump_is_smooth_and_no_stribeck():
+    """A motor of 0.6 tanh(5 v) A in slow runs: one finding, its size, and an error that falls to the noise."""
+    plain = Lab.of(PENDULUM, design(PENDULUM, [2], speeds=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)))
+    runs = []
+    for run in plain.noisy(211, DIN):
+        v = run.bins.velocity
+        runs.append(with_current(run, 0.6 * (np.tanh(5.0 * v) - np.sign(v))))
+    search = Stepwise(plain.model, runs)
+    search.run()
+    (item,) = search.accepted
+    assert item.key == ("smooth_friction", 2) and item.rivals == ()
+    assert item.trial.added.shape["velocity"] == pytest.approx(0.2, rel=0.1)
+    assert item.trial.sizes[0] == pytest.approx(0.6, rel=0.1)
+    assert item.after[2] < 1.1 * np.hypot(DIN.spread / 0.8, DIN.level)  # the noise is correlated by 0.6
