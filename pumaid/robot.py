@@ -4,6 +4,7 @@ Frames by roll, pitch and yaw or by an axis, and postures that are near one anot
 """
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,6 +16,8 @@ from pumaid.errors import ModelError, Where, nearest
 from pumaid.maths import Counts, Flags, Floats
 
 Point = tuple[float, float, float]
+#: Quantities of a joint in the order in which a table's columns are kept.
+QUANTITIES = ("position", "velocity", "current", "temperature")
 #: The joint of a choice that stands for all of them.
 ALL = "all"
 
@@ -69,13 +72,38 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
+class Conversion:
+    """What a log's number of a joint means: (number - zero) * scale, in the unit of the quantity.
+
+    `encoding` says how the number shows its sign: ``float`` by itself, ``intN`` (or ``uintN-two-complement``) in N bits
+    that may have been read as if without one, ``sign-bit-N`` by a bit beside its size. `step` is what stands in the log
+    for one count of it.
+    """
+
+    scale: float = 1.0
+    zero: float = 0.0
+    encoding: str = "float"
+    step: float = 1.0
+
+    def decoded(self, values: Floats) -> Floats:
+        """(N,) numbers as a log has them, with their sign; those that have it stay."""
+        bits = [int(word) for word in re.findall(r"\d+", self.encoding)]
+        if not bits:
+            return values
+        is_bit = "bit" in self.encoding
+        place = self.step * 2.0 ** (bits[0] if is_bit else bits[0] - 1)
+        return np.where(values < place - 0.5 * self.step, values, place - values if is_bit else values - 2.0 * place)
+
+
+@dataclass(frozen=True, slots=True)
 class LogFormat:
     """How this robot's logs are written: column templates, their units and signs.
 
     Templates hold ``{joint}`` (from 1), ``{joint0}`` (from 0) or ``{name}`` (the joint's, from `names`); `velocity` and
     `temperature` may be absent from a log. `units` are unit words by quantity (time, position, velocity,
     prismatic_position, prismatic_velocity, current, temperature), SI where not named. `signs` hold J values of +1 or -1
-    for position (and velocity) and for current, by which the log's numbers are multiplied.
+    for position (and velocity) and for current, by which the log's numbers are multiplied. `fraction` is a second
+    column of the time, with fractions of its seconds. `conversions` hold J values for a quantity.
     """
 
     time: str = "t"
@@ -86,6 +114,12 @@ class LogFormat:
     units: Mapping[str, str] = field(default_factory=dict)
     signs: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     names: tuple[str, ...] = ()
+    fraction: str = ""
+    conversions: Mapping[str, tuple[Conversion, ...]] = field(default_factory=dict)
+
+    def conversion(self, quantity: str, joint: int) -> Conversion:
+        """What the numbers of `quantity` of joint `joint` (from 1) mean."""
+        return self.conversions[quantity][joint - 1] if quantity in self.conversions else Conversion()
 
     def column(self, quantity: str, joint: int) -> str | None:
         """The file's column for `quantity` of joint `joint` (from 1), or none if the format has no such quantity."""

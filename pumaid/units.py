@@ -7,6 +7,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "rad": ("angle", 1.0),
     "deg": ("angle", math.pi / 180.0),
     "rev": ("angle", 2.0 * math.pi),
+    "tick": ("angle", 2.0 * math.pi / 4096.0),  # of the servos of most hobby arms
     "m": ("length", 1.0),
     "mm": ("length", 1e-3),
     "s": ("time", 1.0),
@@ -17,10 +18,14 @@ UNITS: dict[str, tuple[str, float]] = {
     "deg/s": ("angular velocity", math.pi / 180.0),
     "rev/s": ("angular velocity", 2.0 * math.pi),
     "rpm": ("angular velocity", 2.0 * math.pi / 60.0),
+    "tick/s": ("angular velocity", 2.0 * math.pi / 4096.0),
     "m/s": ("linear velocity", 1.0),
     "mm/s": ("linear velocity", 1e-3),
     "A": ("current", 1.0),
     "mA": ("current", 1e-3),
+    "Nm": ("current", 1.0),  # torques take the place of currents
+    "percent": ("current", 1e-2),  # of what the drive is rated for
+    "permille": ("current", 1e-3),
     "degC": ("temperature", 1.0),
 }
 #: Standard deviations from which they are not counted.

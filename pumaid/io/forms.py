@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -37,6 +37,9 @@ Fault = tuple[KeyPath, str, str]
 AngleUnit = Literal["rad", "deg"]
 Form = TypeVar("Form", bound=BaseModel)
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+#: Tuples are lists in a file.
+AS_LIST = Field(strict=False)
+Words = Annotated[str, Field(strict=True, max_length=200, pattern=r"\S")]
 
 
 class StrictForm(BaseModel):
@@ -246,3 +249,42 @@ def _fields(form: Any, path: KeyPath) -> dict[str, Any]:
         if isinstance(step, str):
             form = fields[step].annotation if step in fields else None
     return fields
+
+
+class ArmForm:
+    """What a value is checked against, by a recipe's plain data, whatever it holds.
+
+    These are the joints' `names` and types (`kinds`), the `unit` of angles and whether it is stated.
+    """
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        entries, units = data.get("joints"), data.get("units")
+        joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
+        names = [joint.get("name") for joint in joints]
+        angle = units.get("angle") if isinstance(units, dict) else None
+        self.names = tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1))
+        self.kinds = {str(joint.get("type")) for joint in joints}
+        self.unit, self.is_stated = "deg" if angle == "deg" else "rad", angle is not None
+
+
+def arm_of(info: ValidationInfo) -> ArmForm:
+    """What a value that is being validated is checked against."""
+    return cast(ArmForm, info.context)
+
+
+def check(is_good: Callable[[Any, ArmForm], bool], what: str, mend: str) -> AfterValidator:
+    """Refuses a value; ``{}`` in `what` stands for it, ``{n}`` in `mend` for the number of joints."""
+
+    def checked(value: Any, info: ValidationInfo) -> Any:
+        arm = arm_of(info)
+        if not is_good(value, arm):
+            shown = f"{value:g}" if isinstance(value, float) else str(value)[:60]
+            raise refusal(what.replace("{}", shown), mend.replace("{n}", str(len(arm.names))))
+        return value
+
+    return AfterValidator(checked)
+
+
+def like(*examples: str, default: Any = ..., **more: Any) -> Any:
+    """A field with what its value looks like."""
+    return Field(default, examples=list(examples), **more)

@@ -5,12 +5,9 @@ not fit. No step holds a file.
 """
 
 import hashlib
-import json
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,33 +15,16 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
+from pumaid.io.column_names import fraction_of_second, paste_block
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.robot import Joint, LogFormat, Robot
+from pumaid.robot import QUANTITIES, Conversion, Joint, LogFormat, Robot
 from pumaid.units import UNITS, factor
-
-#: Quantities of a joint in the order in which a table's columns are kept.
-QUANTITIES = ("position", "velocity", "current", "temperature")
 
 #: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
 ALIKE = 0.7
 
-#: Words by which a column's name tells what it holds, strongest first. Compared with the name's words in lower case.
-_WORDS = {
-    "velocity": ("velocity", "vel", "qd", "dq", "speed", "omega", "qdot"),
-    "current": ("current", "cur", "curr", "i", "iq", "amp", "amps"),
-    "temperature": ("temperature", "temp", "temperatures"),
-    "position": ("position", "pos", "q", "angle", "theta", "positions"),
-}
-_TIME = ("t", "time", "timestamp", "time_s", "seconds", "sec", "clock", "stamp")
-#: Units that words of a name tell.
-_UNIT_WORDS = {
-    "time": {"ms": "ms", "msec": "ms", "us": "us", "ns": "ns", "millis": "ms", "nanosec": "ns"},
-    "position": {"deg": "deg", "degree": "deg", "degrees": "deg"},
-    "velocity": {"deg": "deg/s", "degree": "deg/s", "degrees": "deg/s"},
-    "current": {"mA": "mA"},
-}
 #: What the absence of a quantity's column means.
 _ABSENCE = {
     "current": "the runs of these joints show no current and are not identified",
@@ -52,9 +32,6 @@ _ABSENCE = {
     "temperature": "these temperatures are not known",
 }
 
-#: Wanted, not measured: never proposed while a measured column is there.
-_WANTED = {"target", "cmd", "command", "commanded", "cmptd", "computed", "ref", "reference", "desired", "des", "set"}
-_MEASURED = {"actual", "measured", "meas", "act", "real"}
 #: No joint of an arm has a position, velocity or current beyond this (SI): what is, is garbage of the recorder.
 ABSURD = 1e6
 #: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
@@ -142,7 +119,7 @@ class LogReader:
                 digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
             columns = Columns(source.schema(), self._robot, name, extra=self.extra)
             cleaner = Cleaner(self._robot, columns, name)
-            yield from filter(None, (cleaner.take(*batch) for batch in source.batches(columns.names)))
+            yield from filter(None, (cleaner.take(*batch) for batch in source.batches(columns.read)))
             after = file.stat()
         # Else the digest is of another content.
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
@@ -168,7 +145,10 @@ class Columns:
     ----------
     names, factors
         (C,) column names in the file, time first, and what a number is multiplied by to be SI with the recipe's sign;
-        those of `extra` are read without a factor.
+        those of `extra` are read without a factor. Before that
+        `encoded` numbers (by index) are decoded, and (C,) `zeros` taken away.
+    fraction
+        A second column of the time and its unit (s), if there is one.
     places
         Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
         the column asked for instead of the joint's. These stand last in `names`.
@@ -187,8 +167,10 @@ class Columns:
         wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
         wanted["extra"] = list(extra)
         refuse(_faults(header, robot, wanted, name))
-        unit = schema[header.index(robot.log.time)].unit
-        self.names, factors = [robot.log.time], [factor(unit or robot.log.units.get("time", "s"))]
+        log, unit = robot.log, schema[header.index(robot.log.time)].unit
+        self.names, factors, zeros = [log.time], [factor(unit or log.units.get("time", "s"))], [0.0]
+        self.fraction = (log.fraction, fraction_of_second(log.fraction)) if log.fraction else None
+        self.encoded: dict[int, Conversion] = {}
         self.places: dict[str, Counts] = {}
         self.notes: list[Note] = []
         for quantity, asked in wanted.items():
@@ -202,6 +184,9 @@ class Columns:
                 self.notes.append(Note("column-absent", text, Where(file=name)))
             if quantity == "velocity" and lacking:
                 present = {}
+            meanings = {len(self.names) + count: log.conversion(quantity, k + 1) for count, k in enumerate(present)}
+            self.encoded |= {k: meaning for k, meaning in meanings.items() if meaning.encoding != "float"}
+            zeros += [meaning.zero for meaning in meanings.values()]
             self.places[quantity] = np.array(
                 [(k, len(self.names) + count) for count, k in enumerate(present)], dtype=np.int64
             ).reshape(-1, 2)
@@ -216,7 +201,12 @@ class Columns:
         if more:
             text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints"
             self.notes.append(Note("more-joints", f"{text}: is it this robot's log?", Where(file=name)))
-        self.factors = np.array(factors)
+        self.factors, self.zeros = np.array(factors), np.array(zeros)
+
+    @property
+    def read(self) -> list[str]:
+        """The columns to read of the file: those of `names`, and fractions of the time."""
+        return [*self.names, *([self.fraction[0]] if self.fraction else [])]
 
 
 class Cleaner:
@@ -250,7 +240,7 @@ class Cleaner:
         LogError [time-not-rising]
             Time goes back.
         """
-        table *= self.columns.factors[:, None]
+        table = self._in_si(table)
         rows, table = self._without_ties(*self._without_bad(rows, table))
         if not len(rows):
             return None
@@ -273,6 +263,19 @@ class Cleaner:
                     values = table[places[0, 1] : places[-1, 1] + 1]
                 quantities[quantity] = values.T
         return Log(self.name, rows, table[0], **quantities)
+
+    def _in_si(self, table: Floats) -> Floats:
+        """(C, N) values of (C, N) numbers of the file, below which stand fractions of a time that has two columns."""
+        columns = self.columns
+        fraction, table = table[len(columns.names) :], table[: len(columns.names)]
+        for k, conversion in columns.encoded.items():
+            table[k] = conversion.decoded(table[k])
+        if columns.zeros.any():
+            table -= columns.zeros[:, None]
+        table *= columns.factors[:, None]
+        if columns.fraction:
+            table[0] += columns.fraction[1] * fraction[0]
+        return table
 
     def _mark(self, kind: str, rows: Counts, faulty: Mapping[str, Flags]) -> Flags:
         """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
@@ -409,7 +412,7 @@ def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
     words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
     unit = next((word for word in words if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
     signs = robot.log.signs.get("position" if quantity == "velocity" else quantity, (1,) * robot.n_joints)
-    return float(signs[joint.number - 1] * factor(unit))
+    return float(signs[joint.number - 1] * factor(unit) * robot.log.conversion(quantity, joint.number).scale)
 
 
 def _faults(
@@ -417,13 +420,14 @@ def _faults(
 ) -> list[PumaidError]:
     faults: list[PumaidError] = []
     currents = list(map(str, wanted["current"]))
-    missing = [str(column) for column in [robot.log.time, *wanted["position"]] if column not in header]
+    times = [robot.log.time, *([robot.log.fraction] if robot.log.fraction else [])]
+    missing = [str(column) for column in [*times, *wanted["position"]] if column not in header]
     missing = missing or ([] if any(column in header for column in currents) else currents)
     where = Where(file=name, row=1)
     if missing:
         what = f"{name} has no column {listed(missing)}; it has {listed(header, 12)}"
         faults.append(LogError("column-missing", what, where, _mend(header, robot, missing)))
-    used = {robot.log.time, *(column for columns in wanted.values() for column in columns)}
+    used = {*times, *(column for columns in wanted.values() for column in columns)}
     doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]
     if doubled:
         what = f"{name} has column {listed(doubled)} more than once"
@@ -445,59 +449,3 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     near = {column: nearest(column, free, cutoff=ALIKE) for column in missing[:3]}
     hints = [f"the nearest to {column} is {name}" for column, name in near.items() if name]
     return "; ".join([*hints, "name this file's columns in the recipe's log block (pumaid init shows one)"])
-
-
-def paste_block(header: Sequence[str], robot: Robot) -> str | None:
-    """A recipe's `log` block that reads this header, or none if time, positions or currents are not recognised."""
-    exact = [name for word in _TIME for name in header if name.lower() == word]
-    times = exact + [name for name in header if set(_words(name)) & set(_TIME)]
-    templates = _templates(header, robot)
-    chosen = {}
-    for quantity in QUANTITIES:
-        scores = {template: _score(template, quantity) - beyond for template, beyond in templates.items()}
-        if max(scores.values(), default=-math.inf) > -math.inf:
-            chosen[quantity] = max(scores, key=lambda template: scores[template])
-    if not times or "position" not in chosen or "current" not in chosen:
-        return None
-    lines = [f"  {key}: {json.dumps(name, ensure_ascii=False)}" for key, name in {"time": times[0], **chosen}.items()]
-    units = [
-        f"{quantity}: {unit}"
-        for quantity, template in {"time": times[0], **chosen}.items()
-        for word, unit in _UNIT_WORDS.get(quantity, {}).items()
-        if word in {*_words(template), *re.findall(r"(?<![A-Za-z])mA(?![A-Za-z])", template)}
-    ]
-    lines += [f"  units: {{{', '.join(units)}}}"] if units else []
-    return "\n".join(["log:", *lines])
-
-
-def _words(name: str) -> list[str]:
-    """The lower-case words of a name: ``motorPos_rad[3]`` gives motor, pos, rad."""
-    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\{\w+\}", " ", name))
-    return [word for word in re.split(r"[^a-z]+", apart.lower()) if word]
-
-
-def _templates(header: Sequence[str], robot: Robot) -> dict[str, bool]:
-    """Templates that name a column for every joint, and whether there is a column for one joint more."""
-    templates = {}
-    numbers = range(robot.n_joints + 1)
-    first_name = robot.joints[0].name
-    for name in header:
-        places = [(name[: match.start()], name[match.end() :]) for match in re.finditer(r"\d+", name)]
-        for (before, after), (key, first) in product(places, (("{joint}", 1), ("{joint0}", 0))):
-            *columns, beyond = [f"{before}{first + k}{after}" in header for k in numbers]
-            if all(columns):
-                templates[f"{before}{key}{after}"] = beyond
-        if first_name in name and all(name.replace(first_name, joint.name, 1) in header for joint in robot.joints):
-            templates[name.replace(first_name, "{name}", 1)] = False
-    return templates
-
-
-def _score(template: str, quantity: str) -> float:
-    """How well the words of a template speak of a quantity."""
-    words = _words(template)
-    hits = [_WORDS[quantity].index(word) for word in words if word in _WORDS[quantity]]
-    if not hits:
-        return -math.inf
-    # "TorqueCur" and "PositionCmptd" speak of two things: what other words say counts against.
-    score = 10.0 - 0.1 * min(hits) - len(words) - 5.0 * bool(_WANTED & set(words)) + 2.0 * bool(_MEASURED & set(words))
-    return score - 5.0 * any(word in _WORDS[other] for other in _WORDS if other != quantity for word in words)

@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, cast
@@ -13,20 +13,38 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 
 from pumaid.errors import RecipeError, Where, meant
 from pumaid.io.forms import (
+    AS_LIST,
     MAX_BYTES,
     AngleUnit,
+    ArmForm,
     Fault,
     Finite,
     StrictForm,
+    Words,
+    arm_of,
+    check,
     file_name,
+    like,
     parsed_yaml,
     read_bytes,
     refusal,
     validated,
 )
+from pumaid.io.log_form import LogForm, log_format
 from pumaid.maths import Floats
-from pumaid.robot import Box, EffectChoice, Joint, LogFormat, Point, Robot, Safety, Sphere, placement, turn_of_z
-from pumaid.units import UNITS, factor
+from pumaid.robot import (
+    QUANTITIES,
+    Box,
+    EffectChoice,
+    Joint,
+    Point,
+    Robot,
+    Safety,
+    Sphere,
+    placement,
+    turn_of_z,
+)
+from pumaid.units import factor
 
 #: The recipe's name in an experiment's folder.
 RECIPE_NAME = "recipe.yaml"
@@ -46,60 +64,14 @@ SIZES = {
     ("max_velocity", True): (1e-9, 20.0, "prismatic joints are in m/s; divide by 1000"),
 }
 
-_TEMPLATE = re.compile(r"(?:[^{}]|\{\{|\}\}|\{joint0?(?::(?:0?\d)?d?)?\}|\{name\})*")
 _METRES = "it in metres: divide millimetres by 1000"
-_COLUMN = (
-    "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}; of the time one"
-    " column, such as t"
-)
 _ANGLES = "write angles in one unit and state it at the top: units: {angle: deg}, or units: {angle: rad}"
 _GEARS = "write r54 where joint 5's motor is turned by joint 4's, and r12_9 where a joint is above 9"
-#: Units of a log's quantities: dimensions of joints that turn, and of those that slide.
-_DIMENSIONS = {
-    "time": ("time", "time"),
-    "position": ("angle", "length"),
-    "velocity": ("angular velocity", "linear velocity"),
-    "current": ("current", "current"),
-    "temperature": ("temperature", "temperature"),
-}
-
-
-class ArmForm:
-    """What a value is checked against, by a recipe's plain data, whatever it holds.
-
-    These are the joints' `names` and types (`kinds`), the `unit` of angles and whether it is stated.
-    """
-
-    def __init__(self, data: dict[str, Any]) -> None:
-        entries, units = data.get("joints"), data.get("units")
-        joints = [joint if isinstance(joint, dict) else {} for joint in (entries if isinstance(entries, list) else [])]
-        names = [joint.get("name") for joint in joints]
-        angle = units.get("angle") if isinstance(units, dict) else None
-        self.names = tuple(name if isinstance(name, str) else f"joint{k}" for k, name in enumerate(names, start=1))
-        self.kinds = {str(joint.get("type")) for joint in joints}
-        self.unit, self.is_stated = "deg" if angle == "deg" else "rad", angle is not None
-
-
-def _arm(info: ValidationInfo) -> ArmForm:
-    return cast(ArmForm, info.context)
-
-
-def _check(is_good: Callable[[Any, ArmForm], bool], what: str, mend: str) -> AfterValidator:
-    """Refuses a value; ``{}`` in `what` stands for it, ``{n}`` in `mend` for the number of joints."""
-
-    def check(value: Any, info: ValidationInfo) -> Any:
-        arm = _arm(info)
-        if not is_good(value, arm):
-            shown = f"{value:g}" if isinstance(value, float) else str(value)[:60]
-            raise refusal(what.replace("{}", shown), mend.replace("{n}", str(len(arm.names))))
-        return value
-
-    return AfterValidator(check)
 
 
 def _in_si(value: float, info: ValidationInfo) -> float:
     """rad, m, rad/s or m/s; angles in another unit than the file's, and limits and speeds of no joint, are refused."""
-    key, arm, size = str(info.field_name), _arm(info), abs(value)
+    key, arm, size = str(info.field_name), arm_of(info), abs(value)
     is_rail = info.data.get("type") == "prismatic" and (key, True) in SIZES
     unit, scale = ("m", 1.0) if is_rail else (arm.unit, factor(arm.unit))
     shown = f"{key} of {value:g} {unit}" + "/s" * (key == "max_velocity")
@@ -124,27 +96,9 @@ def is_joint_name(name: str) -> bool:
     )
 
 
-def _template(template: str, info: ValidationInfo) -> str:
-    """A column template: {joint}, {joint0} or {name} stands in it, but for the time."""
-    is_time, has_joint = info.field_name == "time", re.search(r"\{(joint|name)", template) is not None
-    is_one = not has_joint and len(_arm(info).names) > 1
-    if not _TEMPLATE.fullmatch(template) or (has_joint if is_time else is_one):
-        raise refusal(f"the column template {template!r} cannot be used", _COLUMN)
-    return template
-
-
-def _signs(signs: tuple[float, ...], info: ValidationInfo) -> tuple[int, ...]:
-    if len(signs) != len(_arm(info).names) or not set(signs) <= {1.0, -1.0}:
-        raise refusal(
-            f"{len(signs)} values for {len(_arm(info).names)} joints, which must be signs",
-            "write 1 or -1 for each joint, base to tip",
-        )
-    return tuple(map(round, signs))
-
-
 def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     """The number of the joint at which an effect acts; None for all."""
-    names = _arm(info).names
+    names = arm_of(info).names
     number = names.index(joint) + 1 if joint in names else joint
     if joint == "all":
         return None
@@ -158,7 +112,7 @@ def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
 
 def _coupling(key: str, info: ValidationInfo) -> tuple[int, int]:
     """Joints (driven, driving), from 1, that a key of `coupling` names: (5, 4) for r54, (12, 9) for r12_9."""
-    match, n_joints = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d)_([1-9]\d?)", key), len(_arm(info).names)
+    match, n_joints = re.fullmatch(r"r([1-9])([1-9])|r([1-9]\d)_([1-9]\d?)", key), len(arm_of(info).names)
     pair = (int(match[1] or match[3]), int(match[2] or match[4])) if match else (0, 0)
     if not n_joints >= pair[0] > pair[1]:
         raise refusal(
@@ -167,55 +121,26 @@ def _coupling(key: str, info: ValidationInfo) -> tuple[int, int]:
     return pair
 
 
-def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
-    """Unit words by quantity."""
-    for key, word in words.items():
-        turning, sliding = _DIMENSIONS[key.removeprefix("prismatic_")]
-        slides = key.startswith("prismatic_") or _arm(info).kinds == {"prismatic"}
-        fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
-        if word not in fitting:
-            raise refusal(
-                f"{word[:40]!r} is no unit of {key} here",
-                f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity",
-            )
-    return words
-
-
-def _like(*examples: str, default: Any = ..., **more: Any) -> Any:
-    """A field with what its value looks like."""
-    return Field(default, examples=list(examples), **more)
-
-
-#: Tuples are lists in a file.
-AS_LIST = Field(strict=False)
 Angle = Annotated[Finite, AfterValidator(_in_si)]
 Length = Annotated[Finite, Field(ge=-LONGEST_LINK, le=LONGEST_LINK)]
 GearRatio = Annotated[
     Finite,
-    _check(lambda ratio, _: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn"),
+    check(lambda ratio, _: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn"),
 ]
-Words = Annotated[str, Field(strict=True, max_length=200, pattern=r"\S")]
-Template = Annotated[Words, AfterValidator(_template)]
 Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
 Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
 Link = Annotated[
     int,
     Field(strict=True),
-    _check(
-        lambda link, arm: 0 <= link <= len(arm.names), "there is no link {}", "links count from 0 (the base) to {n}"
-    ),
+    check(lambda link, arm: 0 <= link <= len(arm.names), "there is no link {}", "links count from 0 (the base) to {n}"),
 ]
-Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
-Quantity = Literal["time", "position", "velocity", "prismatic_position", "prismatic_velocity", "current", "temperature"]
 JointName = Annotated[
-    str, _check(lambda name, _: is_joint_name(name), "'{}' cannot name a joint", "use a word, such as shoulder")
+    str, check(lambda name, _: is_joint_name(name), "'{}' cannot name a joint", "use a word, such as shoulder")
 ]
-Direction = Annotated[
-    Vector, _check(lambda axis, _: any(axis), "the axis {} has no direction", "write it as [0, 0, 1]")
-]
+Direction = Annotated[Vector, check(lambda axis, _: any(axis), "the axis {} has no direction", "write it as [0, 0, 1]")]
 Gravity = Annotated[
     Vector,
-    _check(
+    check(
         lambda vector, _: LEAST_GRAVITY <= math.hypot(*vector) <= MOST_GRAVITY,
         "{} is no planet's gravity in m/s2",
         "upright it is [0, 0, -9.80665]",
@@ -223,31 +148,32 @@ Gravity = Annotated[
 ]
 Limits = Annotated[
     tuple[Angle, Angle],
-    _check(lambda pair, _: pair[0] < pair[1], "the limits are not [lowest, highest]", "write the lower one first"),
+    check(lambda pair, _: pair[0] < pair[1], "the limits are not [lowest, highest]", "write the lower one first"),
 ]
 
 
 class PlacementForm(StrictForm):
     """The block `placement` of a joint: `origin` and `axis` of a URDF."""
 
-    xyz: Triple = _like("[x, y, z]   (m, not mm, in the frame before)")
-    rpy: Annotated[tuple[Angle, Angle, Angle], AS_LIST] = _like("[roll, pitch, yaw]", default=(0, 0, 0))
-    axis: Direction = _like("[0, 0, 1]", default=(0, 0, 1))
+    xyz: Triple = like("[x, y, z]   (m, not mm, in the frame before)")
+    rpy: Annotated[tuple[Angle, Angle, Angle], AS_LIST] = like("[roll, pitch, yaw]", default=(0, 0, 0))
+    axis: Direction = like("[0, 0, 1]", default=(0, 0, 1))
 
 
 class JointForm(StrictForm):
     """One entry of `joints`."""
 
-    type: Literal["revolute", "prismatic"] = _like("revolute   (or prismatic)")
-    placement: PlacementForm | None = _like("{xyz: [0, 0, 0.1], rpy: [0, 0, 0], axis: [0, 0, 1]}", default=None)
+    type: Literal["revolute", "prismatic"] = like("revolute   (or prismatic)")
+    placement: PlacementForm | None = like("{xyz: [0, 0, 0.1], rpy: [0, 0, 0], axis: [0, 0, 1]}", default=None)
     alpha: Angle | None = None
-    a: Length | None = _like(_METRES, default=None)
-    d: Length | None = _like(_METRES, default=None)
+    a: Length | None = like(_METRES, default=None)
+    d: Length | None = like(_METRES, default=None)
     theta: Angle | None = None
     name: JointName | None = None
-    limits: Limits | None = _like("[lowest, highest]", default=None, strict=False)
+    limits: Limits | None = like("[lowest, highest]", default=None, strict=False)
     max_velocity: Annotated[Angle, Field(gt=0)] | None = None
     gear_ratio: GearRatio | None = None
+    log_name: Words | None = None
 
     @model_validator(mode="after")
     def _is_placed_once(self) -> Self:
@@ -264,35 +190,23 @@ class JointForm(StrictForm):
         return self
 
 
-class LogForm(StrictForm):
-    """The block `log`."""
-
-    time: Template = "t"
-    position: Template = "q{joint}"
-    velocity: Template | None = "qd{joint}"
-    current: Template = "i{joint}"
-    temperature: Template | None = "temp{joint}"
-    units: Annotated[dict[Quantity, str], AfterValidator(_units)] = _like(default={})
-    signs: dict[Literal["position", "current"], Signs] = _like("{position: [1, -1, ...]}", default={})
-
-
 class EffectForm(StrictForm):
     """One entry of `effects`."""
 
-    effect: Words = _like("NAME in {effect: NAME, joint: 3}; pumaid effects lists the names")
+    effect: Words = like("NAME in {effect: NAME, joint: 3}; pumaid effects lists the names")
     joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
-    shape: dict[str, Finite] = _like("{velocity: 0.1}", default={})
+    shape: dict[str, Finite] = like("{velocity: 0.1}", default={})
 
 
 class BoxForm(StrictForm):
     """One entry of `safety.boxes`."""
 
     name: Words | None = None
-    min: Triple = _like("[x, y, z]   (the lowest corner, m, not mm, in base axes)")
-    max: Triple = _like("[x, y, z]   (the highest corner, m, not mm, in base axes)")
+    min: Triple = like("[x, y, z]   (the lowest corner, m, not mm, in base axes)")
+    max: Triple = like("[x, y, z]   (the highest corner, m, not mm, in base axes)")
 
 
-Inside = _check(
+Inside = check(
     lambda box, _: all(low < high for low, high in zip(box.min, box.max, strict=True)),
     "the box has no inside: {}",
     "write the lower corner as min and the upper as max",
@@ -302,44 +216,44 @@ Inside = _check(
 class SphereForm(StrictForm):
     """One entry of `safety.spheres`."""
 
-    link: Link = _like("the link that carries the sphere; 0 is the base")
-    centre: Triple = _like("[x, y, z]   (m, not mm, in the link's frame)")
-    radius: Annotated[Finite, Field(gt=0, le=LONGEST_LINK)] = _like(_METRES)
+    link: Link = like("the link that carries the sphere; 0 is the base")
+    centre: Triple = like("[x, y, z]   (m, not mm, in the link's frame)")
+    radius: Annotated[Finite, Field(gt=0, le=LONGEST_LINK)] = like(_METRES)
 
 
 class SafetyForm(StrictForm):
     """The block `safety`."""
 
-    tool: Triple | None = _like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
-    boxes: list[Annotated[BoxForm, Inside]] = _like(
+    tool: Triple | None = like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
+    boxes: list[Annotated[BoxForm, Inside]] = like(
         "[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100
     )
-    spheres: list[SphereForm] = _like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
+    spheres: list[SphereForm] = like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
     margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
-    ignore: list[Annotated[tuple[Link, Link], AS_LIST]] = _like("[[4, 6]], pairs of links", default=[])
+    ignore: list[Annotated[tuple[Link, Link], AS_LIST]] = like("[[4, 6]], pairs of links", default=[])
 
 
 class PayloadForm(StrictForm):
     """A known load on the last link."""
 
-    mass: Annotated[Finite, Field(ge=0.0, le=1e5)] = _like("0.5   (kg)")
-    at: Vector = _like("[0.1, 0, 0]   (m, its centre of mass in the last link's frame)")
+    mass: Annotated[Finite, Field(ge=0.0, le=1e5)] = like("0.5   (kg)")
+    at: Vector = like("[0.1, 0, 0]   (m, its centre of mass in the last link's frame)")
 
 
 class RecipeForm(StrictForm):
     """The whole file."""
 
-    name: Words = _like("a name, such as my arm")
-    gravity: Gravity = _like("[0, 0, -9.80665]   (m/s2 in base axes; this is upright)")
-    joints: list[JointForm] = _like(
+    name: Words = like("a name, such as my arm")
+    gravity: Gravity = like("[0, 0, -9.80665]   (m/s2 in base axes; this is upright)")
+    joints: list[JointForm] = like(
         "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip", min_length=1, max_length=50
     )
-    units: dict[Literal["angle"], AngleUnit] = _like("{angle: deg}", default={})
-    log: LogForm = _like("its keys below it, indented", default=LogForm())
-    effects: list[EffectForm] = _like("[{effect: NAME, joint: 3}]", default=[])
-    safety: SafetyForm = _like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
+    units: dict[Literal["angle"], AngleUnit] = like("{angle: deg}", default={})
+    log: LogForm = like("its keys below it, indented", default=LogForm())
+    effects: list[EffectForm] = like("[{effect: NAME, joint: 3}]", default=[])
+    safety: SafetyForm = like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
     coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = Field({})
-    files: dict[str, dict[Literal["payload"], PayloadForm]] = _like(
+    files: dict[str, dict[Literal["payload"], PayloadForm]] = like(
         "{tool_*.csv: {payload: {mass: 0.5, at: [0.1, 0, 0]}}}", default={}
     )
     source: Any = ""
@@ -364,9 +278,9 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
                 f"joint {number} takes part in coupling, and has no gear ratio",
                 "add gear_ratio: motor turns per joint turn",
             )
-    log, taken = form.log, {form.log.time}
-    for key in ("position", "velocity", "current", "temperature"):
-        template = getattr(log, key) or ""
+    log, taken = form.log, {*form.log.time}
+    for key in QUANTITIES:
+        template = getattr(getattr(log, key), "column", "")
         columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}
         if columns & taken:
             yield (
@@ -414,7 +328,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         form.name,
         joints,
         form.gravity,
-        _log_format(form.log, joints),
+        log_format(form.log, tuple(joint.log_name or name for joint, name in zip(form.joints, arm.names, strict=True))),
         tuple(EffectChoice(choice.effect, choice.joint, choice.shape) for choice in form.effects),
         Path(name).name,
         hashlib.sha256(content).hexdigest(),
@@ -429,7 +343,7 @@ def _joints(forms: Sequence[JointForm], names: Sequence[str]) -> tuple[tuple[Joi
     """The joints, and by link, the base first, the (4, 4) frame about whose z it moves in the one that is stated."""
     joints, turns = [], [np.eye(4)]
     for number, (form, name) in enumerate(zip(forms, names, strict=True), start=1):
-        constants = form.model_dump(exclude={"type", "name", "placement"}, exclude_none=True)
+        constants = form.model_dump(exclude={"type", "name", "placement", "log_name"}, exclude_none=True)
         turn = np.eye(4)
         if form.placement is not None:
             turn[:3, :3] = turn_of_z(form.placement.axis)
@@ -438,26 +352,6 @@ def _joints(forms: Sequence[JointForm], names: Sequence[str]) -> tuple[tuple[Joi
         turns.append(turn)
         joints.append(Joint(number, name, form.type, **constants))
     return tuple(joints), turns
-
-
-def _log_format(form: LogForm, joints: tuple[Joint, ...]) -> LogFormat:
-    """With units filled in: velocity follows position, prismatic joints default to metres."""
-    fields = form.model_dump()
-    words: dict[str, str] = fields["units"]
-    position = words.get("position", "rad")
-    velocity = words.get("velocity", f"{position}/s")
-    sliding = words.get("prismatic_position", position if position in ("m", "mm") else "m")
-    fields["units"] = {
-        "time": "s",
-        "current": "A",
-        "temperature": "degC",
-        "position": position,
-        "velocity": velocity,
-        "prismatic_position": sliding,
-        "prismatic_velocity": velocity if velocity in ("m/s", "mm/s") else f"{sliding}/s",
-        **words,
-    }
-    return LogFormat(**fields, names=tuple(joint.name for joint in joints))
 
 
 def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:

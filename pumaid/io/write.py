@@ -18,9 +18,9 @@ import numpy as np
 
 from pumaid.dataset import Log
 from pumaid.errors import ModelError, ResultError, Where
-from pumaid.io.log_reader import QUANTITIES, factor_of
+from pumaid.io.log_reader import factor_of
 from pumaid.io.paths import STDIN, is_log
-from pumaid.robot import Joint, Robot
+from pumaid.robot import QUANTITIES, Joint, Robot
 from pumaid.units import factor
 
 #: Decimals of a number in CSV: finer than any encoder, current sensor or clock.
@@ -127,7 +127,8 @@ def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[Any]:
         ]
         table = {robot.log.time: log.time / factor(robot.log.units.get("time", "s"))}
         for name, quantity, joint in columns:
-            table[name] = getattr(log, quantity)[:, joint.number - 1] / factor_of(robot, quantity, joint)
+            values = getattr(log, quantity)[:, joint.number - 1] / factor_of(robot, quantity, joint)
+            table[name] = values + robot.log.conversion(quantity, joint.number).zero
         yield pa.table(table)
 
 

@@ -30,16 +30,17 @@ def size_counts(values: Floats) -> Counts:
     return np.bincount(np.clip(size, 0, CLASSES - 1), minlength=CLASSES)
 
 
-def lost_sign(counts: Floats, step: float) -> str:
-    """How the sign of a signal that moves both ways was lost, if it was; empty if not.
+def lost_sign(counts: Floats, step: float) -> tuple[str, str]:
+    """How the sign of a signal that moves both ways was lost, and the encoding that reads it, where there is one.
 
-    `counts` are of its values' sizes (`size_counts`), none of which was negative; `step` is the least change of it.
+    Both are empty where none was lost. `counts` are of its values' sizes (`size_counts`), none of which was negative;
+    `step` is the least change of it.
     """
     total, bounds = counts.sum(), 2.0 ** (OCTAVES[0] + np.arange(CLASSES + 1) / AN_OCTAVE)
     least = max(FEWEST, SHARE * total)
     filled = np.flatnonzero(counts)
     if total < FEWEST:
-        return ""
+        return "", ""
     for bit in SIGN_BITS:
         place = step * 2.0**bit
         below, above = filled[bounds[filled] < place * (1.0 - MISSED)], filled[bounds[filled] >= place * (1.0 - MISSED)]
@@ -47,11 +48,12 @@ def lost_sign(counts: Floats, step: float) -> str:
             continue
         end, begin, top = bounds[below[-1] + 1], bounds[above[0]], bounds[above[-1] + 1]
         if begin - end > EMPTY * 2.0 * place and abs(top - 2.0 * place) < TOP * 2.0 * place:
-            return f"two's complement of {bit + 1} bits (negative ones stand below {2.0 * place:.6g} A)"
+            what = f"two's complement of {bit + 1} bits (negative ones stand below {2.0 * place:.6g} A)"
+            return what, f"uint{bit + 1}-two-complement"
         if end < (1.0 - EMPTY_BELOW) * place and begin < place * (1.0 + MISSED) and top < 2.0 * place:
-            return f"a sign in bit {bit} (negative ones stand above {place:.6g} A)"
+            return f"a sign in bit {bit} (negative ones stand above {place:.6g} A)", f"sign-bit-{bit}"
     small = counts[bounds[:-1] < NEXT_TO_ZERO * bounds[filled[-1]]].sum()
-    return "sizes without sign (they turn round at zero)" if small >= least else ""
+    return "sizes without sign (they turn round at zero)" if small >= least else "", ""
 
 
 def leaps(time: Floats, position: Floats, slow: float) -> dict[str, float]:

@@ -469,7 +469,8 @@ HEADERS = {
         ["time_ms", "Axis {joint} angle (deg)", "Axis {joint} speed (deg/s)", "Axis {joint} current (mA)"],
     ),
 }
-UNITS = {"time": "ms", "position": "deg", "velocity": "deg/s", "current": "mA"}
+#: Velocity follows position.
+UNITS = {"time": "ms", "position": "deg", "current": "mA"}
 
 
 @pytest.mark.parametrize("kind", HEADERS)

@@ -1,0 +1,147 @@
+"""The block `log` of a recipe: what it may hold, and the format of logs that it says."""
+
+import re
+from typing import Annotated, Any, Literal, cast
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+
+from pumaid.errors import meant
+from pumaid.io.forms import AS_LIST, Finite, StrictForm, Words, arm_of, check, like, refusal
+from pumaid.robot import QUANTITIES, Conversion, LogFormat
+from pumaid.units import UNITS
+
+_TEMPLATE = re.compile(r"(?:[^{}]|\{\{|\}\}|\{joint0?(?::(?:0?\d)?d?)?\}|\{name\})*")
+_ENCODING = r"float|int\d\d?|uint\d\d?(-two-complement)?|sign-bit-\d\d?"
+_COLUMN = (
+    "write {joint} (counts from 1), {joint0} (from 0) or {name} where the joint goes, such as q{joint}; of the time one"
+    " column, such as t"
+)
+#: Units of a log's quantities: dimensions of joints that turn, and of those that slide.
+_DIMENSIONS = {
+    "time": ("time", "time"),
+    "position": ("angle", "length"),
+    "velocity": ("angular velocity", "linear velocity"),
+    "current": ("current", "current"),
+    "temperature": ("temperature", "temperature"),
+}
+
+
+def _template(template: str, info: ValidationInfo) -> str:
+    """A column template: {joint}, {joint0} or {name} stands in it, but for the time."""
+    is_time, has_joint = info.field_name == "time", re.search(r"\{(joint|name)", template) is not None
+    is_one = not has_joint and len(arm_of(info).names) > 1
+    if not _TEMPLATE.fullmatch(template) or (has_joint if is_time else is_one):
+        raise refusal(f"the column template {template!r} cannot be used", _COLUMN)
+    return template
+
+
+def _a_joint(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+    """One number, or one a joint; a scale is not zero."""
+    if len(values) not in (1, len(arm_of(info).names)) or (info.field_name == "scale" and 0.0 in values):
+        what = f"{len(values)} values of {info.field_name} for {len(arm_of(info).names)} joints"
+        raise refusal(what, "write one number, or a list with one a joint; a scale is not zero")
+    return values
+
+
+def _signs(signs: tuple[float, ...], info: ValidationInfo) -> tuple[int, ...]:
+    if len(signs) != len(arm_of(info).names) or not set(signs) <= {1.0, -1.0}:
+        raise refusal(
+            f"{len(signs)} values for {len(arm_of(info).names)} joints, which must be signs",
+            "write 1 or -1 for each joint, base to tip",
+        )
+    return tuple(map(round, signs))
+
+
+def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+    """Unit words by quantity."""
+    for key, word in words.items():
+        turning, sliding = _DIMENSIONS[key.removeprefix("prismatic_")]
+        slides = key.startswith("prismatic_") or arm_of(info).kinds == {"prismatic"}
+        fitting = [unit for unit, (dimension, _) in UNITS.items() if dimension == (sliding if slides else turning)]
+        if word not in fitting:
+            raise refusal(
+                f"{word[:40]!r} is no unit of {key} here",
+                f"{meant(word, fitting)}; of joints that slide units are prismatic_position and prismatic_velocity",
+            )
+    return words
+
+
+Template = Annotated[Words, AfterValidator(_template)]
+Times = Annotated[
+    tuple[Template, ...],
+    AS_LIST,
+    Field(min_length=1, max_length=2),
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
+]
+PerJoint = Annotated[
+    tuple[Finite, ...],
+    AS_LIST,
+    BeforeValidator(lambda value: (value,) if isinstance(value, int | float) else value),
+    AfterValidator(_a_joint),
+]
+Encoding = Annotated[
+    Words,
+    check(
+        lambda word, _: re.fullmatch(_ENCODING, word),
+        "{} is no way to write a sign that pumaid can read",
+        "write float, int16, uint16-two-complement or sign-bit-10 (or another number of bits); sizes without sign do"
+        " not tell which way a motor pushes",
+    ),
+]
+Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
+Quantity = Literal["time", "position", "velocity", "prismatic_position", "prismatic_velocity", "current", "temperature"]
+
+
+class ColumnForm(StrictForm):
+    """The columns of one quantity, and what their numbers mean: (number - zero) * scale."""
+
+    column: Template = like("q{joint}")
+    scale: PerJoint = like("0.001533981   (or one a joint)", default=(1.0,))
+    zero: PerJoint = like("2048   (or one a joint)", default=(0.0,))
+    encoding: Encoding = "float"
+    step: Annotated[Finite, Field(gt=0)] = 1.0
+
+    def conversions(self, n_joints: int) -> tuple[Conversion, ...]:
+        """What the numbers of each joint mean."""
+        parts = (values * n_joints if len(values) == 1 else values for values in (self.scale, self.zero))
+        return tuple(Conversion(scale, zero, self.encoding, self.step) for scale, zero in zip(*parts, strict=True))
+
+
+Columns = Annotated[ColumnForm, BeforeValidator(lambda value: {"column": value} if isinstance(value, str) else value)]
+
+
+class LogForm(StrictForm):
+    """The block `log`."""
+
+    time: Times = like("t   (or [sec, nanosec])", default=("t",))
+    position: Columns = ColumnForm(column="q{joint}")
+    velocity: Columns | None = ColumnForm(column="qd{joint}")
+    current: Columns = ColumnForm(column="i{joint}")
+    temperature: Columns | None = ColumnForm(column="temp{joint}")
+    effort: Literal["current", "torque"] = "current"
+    units: Annotated[dict[Quantity, str], AfterValidator(_units)] = like(default={})
+    signs: dict[Literal["position", "current"], Signs] = like("{position: [1, -1, ...]}", default={})
+
+
+def log_format(form: LogForm, names: tuple[str, ...]) -> LogFormat:
+    """With units filled in: velocity follows position, prismatic joints default to metres."""
+    forms = {key: getattr(form, key) for key in QUANTITIES}
+    fields: dict[str, Any] = {key: item and item.column for key, item in forms.items()}
+    conversions = {key: item.conversions(len(names)) for key, item in forms.items() if item}
+    words = cast(dict[str, str], form.units)
+    position = words.get("position", "rad")
+    velocity = words.get("velocity", f"{position}/s")
+    sliding = words.get("prismatic_position", position if position in ("m", "mm") else "m")
+    fields["units"] = {
+        "time": "s",
+        "current": "Nm" if form.effort == "torque" else "A",
+        "temperature": "degC",
+        "position": position,
+        "velocity": velocity,
+        "prismatic_position": sliding,
+        "prismatic_velocity": velocity if velocity in ("m/s", "mm/s") else f"{sliding}/s",
+        **words,
+    }
+    changed = {key: values for key, values in conversions.items() if {*values} != {Conversion()}}
+    time, fraction = (*form.time, "")[:2]
+    return LogFormat(time, **fields, signs=cast(Any, form.signs), names=names, fraction=fraction, conversions=changed)

@@ -1,0 +1,246 @@
+"""What the statistics of a log say of one joint, and the words for a recipe that mend it."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from pumaid.io.column_names import log_block
+from pumaid.io.log_reader import factor_of
+from pumaid.maths import Floats
+from pumaid.preprocessing.encodings import lost_sign
+from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
+from pumaid.robot import Joint, LogFormat, Robot
+from pumaid.units import UNITS, factor, number
+
+#: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
+MOVED = 0.2
+#: Displacements and a velocity column that belong together agree this well (real logs: 0.99 and more).
+AGREES, UNRELATED, ANOTHER = 0.95, 0.5, 0.3
+#: Relative error within which a ratio is that of two units, and within which it is one (real logs: within 0.015).
+UNIT_MATCH, RATIO_FINE = 0.03, 0.05
+#: Windows each way from which a joint's friction can be told from its gravity; share of a current's variance that
+#: another joint's direction must explain, and how much more than its own joint's.
+FEWEST_WAYS, STRONG, STRONGER = 30, 0.5, 4.0
+#: Share of a joint's samples, least number, and multiple of the next level's count, that make a flat top.
+FLAT_SHARE, FLAT_COUNT, FLAT_RATIO = 0.01, 50, 5
+#: Windows, and share of them, that make a signal that freezes again and again.
+FLAT_WINDOWS, FLAT_TIME = 20, 0.05
+#: Share of pairs of samples with the same current, and s between two changes, from which on a current is held.
+HELD_SHARE, HELD = 0.6, 0.02
+#: Samples, and share of them, that are zero, and zeros per current next to zero, that are not measured.
+ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
+#: Jumps, and turns at zero, that tell; and the scatter of their sizes below which they are one size.
+JUMPS, ONE_SIZE = 3, 0.02
+
+#: rad at which no joint without limits is, and widths of its limits by which no joint leaves them. Rounding of counts.
+MOST_RADIANS, FARTHEST, WHOLE = 300.0, 3.0, 1e-6
+#: Counts of encoders, and the angle (rad) that they are: of small servos 300 degrees, of others a turn.
+ENCODERS = ((1023, 5.0 * math.pi / 3.0), *((2**bits, math.tau) for bits in (12, 14, 16, 17, 18, 19, 20, 22, 24)))
+#: Jumps (counts) where a sign was lost, and the encoding.
+SIGN_JUMPS = {2**15: "sign-bit-15", 2**16: "uint16-two-complement", 2**32: "uint32-two-complement"}
+
+
+class JointSignals:
+    """One joint's statistics (each by its name), and what predicates and messages make of them."""
+
+    def __init__(self, sums: LogStatistics, joint: Joint) -> None:
+        k, n = joint.number - 1, sums.robot.n_joints
+        self.sums, self.joint, self.k = sums, joint, k
+        self.low, self.high = joint.limits or (-math.inf, math.inf)
+        self.span = f"{number(self.lowest)} to {number(self.highest)} {joint.position_unit}"
+        self.limits = f"{number(self.low)} to {number(self.high)}"
+        self.has_moved = bool(self.path > MOVED)
+        self.speed = math.sqrt(self.speed_squares / max(self.seconds, 1e-12))
+        products = sums.totals["products"]
+        self.integral, displaced = products[n + k, n + k], np.abs(products[k, n:])
+        scale = np.sqrt(products[k, k] * np.diag(products)[n:])
+        self.match = np.divide(displaced, scale, out=np.zeros(n), where=scale > 0)
+        self.agrees = float(self.match[k])  # correlation of displacement and velocity column
+        #: Displacement per integrated velocity, NaN where the joint did not move or they do not belong together.
+        is_known = self.agrees > AGREES and self.path > 0
+        self.ratio = float(products[k, n + k] / self.integral) if is_known else math.nan
+        self.is_off = (self.has_moved or self.integral > (MOVED * WINDOW) ** 2) and abs(self.ratio - 1.0) >= RATIO_FINE
+        self.is_constant = self.least_current == self.most_current and self.moving >= FLAT_COUNT
+        self.is_measured = self.has_moved and self.moving > 0 and not self.is_constant
+        self.largest = max(-self.least_current, self.most_current)
+        #: Another joint (from 1) whose position the velocity column follows, and one whose current this joint's is.
+        is_astray = self.has_moved and self.integral > 0 and self.agrees < ANOTHER and self.match.max() > AGREES
+        self.follows = int(np.argmax(self.match)) + 1 if is_astray else 0
+        is_same = (self.copied > FLAT_WINDOWS) & (self.copied >= (1.0 - FLAT_TIME) * self.compared)
+        self.copy_of = int(np.argmax(is_same[:k])) + 1 if is_same[:k].any() else 0
+
+    def __getattr__(self, name: str) -> Any:
+        return self.sums.totals[name][self.k]
+
+    @cached_property
+    def lost_sign(self) -> tuple[str, str]:
+        """How the sign of a current was lost that is never negative where a joint moves both ways; and its encoding."""
+        is_bothways = min(self.ahead, self.windows - self.ahead) >= FEWEST_WAYS
+        return lost_sign(self.sizes, self.least_change) if is_bothways and self.least_current >= 0.0 else ("", "")
+
+    @property
+    def is_ampere(self) -> bool:
+        """Whether the recipe says that currents are currents, and not torques or shares of them."""
+        return self.sums.robot.log.units.get("current", "A") in ("A", "mA")
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether all currents are whole numbers where A are read, with steps of an ammeter that no arm has."""
+        is_plain = self.is_ampere and abs(factor_of(self.sums.robot, "current", self.joint)) == 1.0
+        ends = np.array([self.least_current, self.most_current, self.least_change])
+        return is_plain and bool(np.isfinite(ends).all()) and is_whole(ends) and self.least_change >= 0.5
+
+    @property
+    def jump(self) -> float:
+        """Size (rad or m) by which the position jumps again and again while it moves on, 0 if it does not."""
+        size = self.jump_sum / max(self.jumps, 1.0)
+        scatter = self.jump_squares / max(self.jumps, 1.0) - size**2
+        return float(size) if self.jumps >= JUMPS and scatter < (ONE_SIZE * size) ** 2 else 0.0
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether positions turn back at zero at full speed and never pass it."""
+        return bool(self.bounces >= JUMPS and (self.lowest >= 0.0 or self.highest <= 0.0))
+
+    @property
+    def is_impossible(self) -> bool:
+        """Whether a joint that turns cannot have been where it is read to be: far beyond limits, or counted in ticks.
+
+        What would fit in degrees is told with the units.
+        """
+        ends = np.array([self.lowest, self.highest])
+        if not self.joint.is_revolute or not np.isfinite(ends).all():
+            return False
+        size, has_limits = float(np.abs(ends).max()), self.joint.limits is not None
+        beyond = self.outside() if has_limits else size / MOST_RADIANS
+        counts = _raw(self.sums, ends, self.joint)
+        is_counted = is_whole(counts) and np.abs(counts).max() > 360.0 and (beyond > 0.5 or not has_limits)
+        is_plain = "position" not in self.sums.robot.log.conversions
+        is_degrees = is_plain and size > math.pi and has_limits and self.outside(factor("deg")) <= 0.1
+        return (is_counted or beyond > FARTHEST) and not is_degrees
+
+    def outside(self, scale: float = 1.0) -> float:
+        """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
+        return float(max(self.low - scale * self.lowest, scale * self.highest - self.high)) / (self.high - self.low)
+
+    def unit_changes(self) -> tuple[list[str], list[str]]:
+        """Single changes of unit that bring the ratio to one: of position or time, and of the velocity column."""
+        prefix, usual = ("", "rad") if self.joint.is_revolute else ("prismatic_", "m")
+
+        def changes(key: str, usual: str, power: int) -> list[str]:
+            robot, size = self.sums.robot, abs(self.ratio) if self.is_off else math.nan
+            return other_units(robot, key, usual, fits=lambda scale: abs(size * scale**power - 1.0) < UNIT_MATCH)
+
+        first = changes(f"{prefix}position", usual, 1) + changes("time", "s", -1)
+        return first, changes(f"{prefix}velocity", f"{usual}/s", -1)
+
+    @cached_property
+    def flat_top(self) -> tuple[str, int] | None:
+        """Level (A) of a flat top on either side, and how many samples have it; the side with the larger current."""
+        both = zip((1, -1), self.sums.levels[self.k], strict=False)
+        sides = [(max(counts), sign, counts) for sign, counts in both if counts]
+        for level, sign, counts in sorted(sides, key=lambda side: -side[0]):
+            below = sum(counts.values()) - counts[level]
+            if counts[level] >= max(FLAT_COUNT, FLAT_SHARE * self.moving, FLAT_RATIO * below):
+                return number(sign * level), counts[level]
+        return None
+
+    @cached_property
+    def frozen(self) -> str:
+        """How the current is not measured anew at each sample, if so."""
+        interval = self.sums.interval()
+        period = interval / max(1.0 - self.same / max(self.pairs, 1), 1e-9)
+        if self.same > HELD_SHARE * self.pairs and period > HELD:
+            return f"changes only every {1e3 * period:.0f} ms, and there is a sample every {1e3 * interval:.3g} ms"
+        if self.flat >= FLAT_WINDOWS and self.flat > FLAT_TIME * self.windows:
+            return f"stays the same to the digit in {100 * self.flat / self.windows:.0f} % of the time it moves"
+        return ""
+
+    @property
+    def has_zeros(self) -> bool:
+        """Whether zeros are far more than currents next to zero; one in steps is as often one step away."""
+        nearest = self.sums.levels[self.k][2]
+        beside = nearest[max(nearest)] if nearest else 0
+        return bool(self.zeros >= max(ZEROS, ZERO_SHARE * self.moving, ZERO_RATIO * beside))
+
+
+def is_whole(numbers: Floats) -> bool:
+    """Whether (N,) numbers of a log are whole, as counts are."""
+    return bool(np.all(np.abs(numbers - np.round(numbers)) <= WHOLE * np.maximum(np.abs(numbers), 1.0)))
+
+
+def _raw(sums: LogStatistics, ends: Floats, joint: Joint) -> Floats:
+    """(2,) least and largest number in the log for positions between `ends`."""
+    zero = sums.robot.log.conversion("position", joint.number).zero
+    return np.sort(ends / factor_of(sums.robot, "position", joint) + zero)
+
+
+def position_counts(signals: Sequence[JointSignals]) -> str:
+    """What to put into the recipe where positions are counts of an encoder, or lost their sign."""
+    sums, log = signals[0].sums, signals[0].sums.robot.log
+    turning = [j for j in map(partial(JointSignals, sums), sums.robot.joints) if j.joint.is_revolute]
+    ends = [_raw(sums, np.array([j.lowest, j.highest]), j.joint) for j in turning]
+    factors = [factor_of(sums.robot, "position", j.joint) for j in turning]
+    jump = max(round(j.jump / abs(factor)) for j, factor in zip(turning, factors, strict=True))
+    for place, encoding in SIGN_JUMPS.items() if "position" in log.conversions else ():
+        # A range of whole turns is taken out of jumps: then only the beginning is off.
+        spans = [(j.joint, np.array([j.lowest, j.highest]), place * k) for j, k in zip(turning, factors, strict=True)]
+        if jump == place or all(_fits(joint, span) or _fits(joint, span - size) for joint, span, size in spans):
+            return paste("if this is how they show their sign", log, "position", encoding=encoding)
+    for counts, angle in ENCODERS if jump < 2 else [pair for pair in ENCODERS if pair[0] == jump]:
+        for zero in (counts // 2, 0) if all(low >= 0.0 and high < counts for low, high in ends) else (0,):
+            parts = [math.copysign(angle / counts, k) * (end - zero) for end, k in zip(ends, factors, strict=True)]
+            if jump < 2 and not all(_fits(j.joint, part) for j, part in zip(turning, parts, strict=True)):
+                continue
+            turn = "a turn is" if angle == math.tau else f"{angle / factor('deg'):.0f} degrees are"
+            scales = {abs(angle / counts / k) for k in factors}
+            units = {**log.units, "position": "rad"}
+            if log.units.get("velocity") == f"{log.units.get('position')}/s":
+                units["velocity"] = "rad/s"
+            agrees = all(abs(j.ratio * scale - 1.0) < RATIO_FINE for j in turning for scale in scales if j.integral > 0)
+            log = replace(log, units=units, velocity=log.velocity if agrees else None)
+            condition = f"if {turn} {counts} counts and {zero} is zero"
+            return paste(condition, log, "position", scale=angle / counts, zero=float(zero))
+    return (
+        f"say what they count in the recipe: log: {{position: {{column: {json.dumps(log.position)}, scale: rad a"
+        " count, zero: count where the joint is at zero}}"
+    )
+
+
+def _fits(joint: Joint, ends: Floats) -> bool:
+    low, high = joint.limits or (-1.05 * math.pi, 1.05 * math.pi)
+    return bool(min(ends.min() - low, high - ends.max()) > -0.05 * (high - low))
+
+
+def current_encoding(signals: Sequence[JointSignals]) -> str:
+    """What to put into the recipe where currents lost their sign, if that can be undone."""
+    sums, (_, encoding) = signals[0].sums, signals[0].lost_sign
+    if not encoding or {j.lost_sign[1] for j in signals} != {encoding}:
+        return "write it with its sign"
+    steps = [j.least_change / abs(factor_of(sums.robot, "current", j.joint)) for j in signals]
+    log, step = sums.robot.log, float(f"{np.median(steps):.6g}")
+    if encoding == "sign-bit-10" and step == 1.0 and log.units.get("current", "A") == "A":
+        log = replace(log, units={**log.units, "current": "permille"})  # as servos tell their load
+    return paste("if so", log, "current", encoding=encoding, step=step)
+
+
+def paste(condition: str, log: LogFormat, quantity: str, **more: Any) -> str:
+    """A mend: the recipe's `log` block with other conversions of a quantity."""
+    conversions = [replace(log.conversion(quantity, k + 1), **more) for k in range(len(log.names) or 1)]
+    log = replace(log, conversions={**log.conversions, quantity: tuple(conversions)})
+    return f"{condition}, put this into the recipe:\n{log_block(log)}"
+
+
+def other_units(robot: Robot, key: str, usual: str, *, fits: Callable[[float], bool]) -> list[str]:
+    """Words for the recipe by which a quantity's unit changes to one whose ratio to that of the recipe `fits`."""
+    now = robot.log.units.get(key, usual)
+    return [
+        f"units: {{{key}: {word}}}"
+        for word, (dimension, size) in UNITS.items()
+        if dimension == UNITS[now][0] and word != now and fits(size / factor(now))
+    ]

@@ -1,0 +1,201 @@
+"""Running statistics of logs, by which their columns are checked: sums that are fed batch by batch, and merged."""
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+
+from pumaid.dataset import Log, finite_means
+from pumaid.maths import Counts, Flags, Floats
+from pumaid.preprocessing.encodings import CLASSES, leaps, size_counts
+from pumaid.robot import Robot
+
+#: s; displacements and mean currents are taken over windows of this: encoder noise averages out, a stroke has many.
+WINDOW = 0.1
+#: s; a longer window spans a gap and is left out.
+LONGEST_WINDOW = 0.25
+#: rad/s and m/s; below it a joint counts as held (noise of 1e-4 rad over a window is 1e-3 rad/s).
+SLOW = {"revolute": 0.02, "prismatic": 0.005}
+#: A joint moves alone where all others are this much slower, relative to its own speed.
+ALONE = 0.05
+#: rad or m; held positions that differ less are one posture; and postures a joint that are distinguished.
+SAME_POSTURE, POSTURES = 0.1, 300
+#: Share of a window's velocities that must be numbers, and of its positions that repeat where a position is held.
+VELOCITIES, OFTEN = 0.5, 0.3
+#: Fewest samples of a window that can be flat.
+FLAT = 3
+#: Totals of which the least or the largest of two parts counts, and what they begin with; all others add up from 0.
+EXTREMES: dict[str, tuple[np.ufunc, float]] = {
+    **dict.fromkeys(("lowest", "least_current", "least_step", "least_change"), (np.fmin, math.inf)),
+    **dict.fromkeys(("highest", "most_current"), (np.fmax, -math.inf)),
+}
+#: Totals of each joint.
+TOTALS = (
+    *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
+    *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
+    *("ahead", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
+)
+
+
+class LogStatistics:
+    """Running statistics of J joints, fed batch by batch; "moving" is by windows of 0.1 s.
+
+    Attributes
+    ----------
+    totals
+        By name: ``lowest``, ``highest`` (J,) positions, rad or m; ``path``, ``seconds``, ``speed_squares`` (J,) way,
+        time and integral of the squared speed while moving; ``windows`` while moving and those ``held``, whose position
+        often repeats, and there ``step_sum``, ``step_count``, ``least_step`` of its steps other than 0 (rad or m);
+        ``least_current``, ``most_current`` (J,) A while moving, and samples with a current, ``moving``; ``pairs`` of
+        neighbours while moving, those with the ``same`` current, windows in which all are, ``flat``, and ``zeros``
+        while moving, in windows with other currents; windows moved ``ahead``; the ``least_change`` (A) of currents and
+        (J, C) counts of their ``sizes`` while moving; ``jumps`` of positions that move on, their ``jump_sum`` and
+        ``jump_squares``, and ``bounces`` at zero; ``products`` (2J, 2J) over windows of displacements and integrated
+        velocity columns; ``copied``, ``compared`` (J, J) windows in which the mean currents of two joints are the same
+        and not zero, and that have both.
+    groups
+        By joint (from 0) and posture of the others, over windows in which it moves alone, (4 + J, 4 + J) sums of
+        products of (1, cos, sin, direction, all mean currents).
+    levels
+        By joint: the two largest of positive currents, of the sizes of negative ones, and of minus the sizes of those
+        that are not zero (A) while moving, and how often each occurs.
+    intervals
+        Median time steps (s) of files, as their readers give them.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        n = robot.n_joints
+        self.robot, self.origin = robot, ""
+        self.totals = {name: np.full(n, EXTREMES.get(name, (None, 0.0))[1]) for name in TOTALS}
+        self.totals |= {"products": np.zeros((2 * n, 2 * n)), "copied": np.zeros((n, n)), "compared": np.zeros((n, n))}
+        self.totals["sizes"] = np.zeros((n, CLASSES))
+        self.intervals: list[float] = []
+        self.levels: list[list[Counter[float]]] = [[Counter(), Counter(), Counter()] for _ in range(n)]
+        self.groups: defaultdict[int, dict[tuple[int, ...], Floats]] = defaultdict(dict)
+        self._rest: Log | None = None
+
+    def _add(self, joint: int | slice = slice(None), /, **parts: Any) -> None:
+        """Add totals of one joint (from 0), or of all."""
+        for name, values in parts.items():
+            merge, total = EXTREMES[name][0] if name in EXTREMES else np.add, self.totals[name]
+            total[joint] = merge(total[joint], values)
+
+    def take(self, log: Log) -> None:
+        """Add a batch; windows that are whole are summed, the rest waits for the next of its clock."""
+        if not len(log):
+            return
+        self.origin = self.origin or log.origin
+        self._add(lowest=np.fmin.reduce(log.position), highest=np.fmax.reduce(log.position))
+        if self._rest is not None and not log.starts_clock:
+            log = Log.joined([self._rest, log])
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(np.floor(log.time / WINDOW))) + 1])
+        self._rest = log.part(slice(int(edges[-1]), None))
+        if len(edges) > 1:
+            self._add_windows(log, edges)
+
+    def absorb(self, other: Self) -> None:
+        """Add the statistics of another file of the same robot, which must not be fed any more."""
+        self.origin = self.origin or other.origin
+        self._add(**other.totals)
+        self.intervals += other.intervals
+        for j in range(self.robot.n_joints):
+            self.levels[j] = [
+                _largest(a + b, np.zeros(0)) for a, b in zip(self.levels[j], other.levels[j], strict=True)
+            ]
+            self._add_groups(j, other.groups[j])
+
+    def interval(self) -> float:
+        """Median time between samples (s), NaN if there is none."""
+        return float(np.median(self.intervals)) if self.intervals else math.nan
+
+    def _add_windows(self, log: Log, edges: Counts) -> None:
+        """Add the windows between `edges`; what follows the last edge is no whole window."""
+        starts, counts = edges[:-1], np.diff(edges)
+        seconds, change = np.diff(log.time[edges])[:, None], np.diff(log.position[edges], axis=0)
+        usable = (seconds <= LONGEST_WINDOW) & np.isfinite(change).all(axis=1, keepdims=True)
+        speed = np.where(usable, change / seconds, 0.0)
+        size = np.abs(speed)
+        moves = size > np.array([SLOW[joint.kind] for joint in self.robot.joints])
+        way = moves * size * seconds
+        self._add(windows=moves.sum(axis=0), seconds=(moves * seconds).sum(axis=0))
+        self._add(ahead=(moves & (change > 0.0)).sum(axis=0))
+        self._add(path=way.sum(axis=0), speed_squares=(way * size).sum(axis=0))
+        middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
+        log = log.part(slice(0, int(edges[-1])))
+        if log.velocity is not None:
+            measured = _counts(np.isfinite(log.velocity), starts) > VELOCITIES * counts[:, None]
+            both = np.hstack([change, finite_means(log.velocity, starts) * seconds])
+            both = both[usable[:, 0] & measured.all(axis=1)]
+            self._add(products=both.T @ both)
+        joints = np.flatnonzero(moves.any(axis=0)).tolist()
+        for j in joints:
+            self._add(j, **leaps(log.time, log.position[:, j], SLOW[self.robot.joints[j].kind]))
+            self._add_steps(j, log.position[:, j], moves[:, j], starts)
+            self._add_currents(j, log.current[:, j], moves[:, j], starts)
+        if joints:
+            self._add_directions(speed, moves, middle, finite_means(log.current, starts))
+
+    def _add_steps(self, j: int, position: Floats, moves: Flags, starts: Counts) -> None:
+        """Add the steps of a joint's (N,) positions in those of (W,) windows in which it `moves` and they repeat."""
+        step, counts = np.abs(np.diff(position, prepend=position[0])), np.diff(starts, append=len(position))
+        step[starts] = np.nan  # from another window
+        often = moves & (_counts(step == 0.0, starts) >= OFTEN * counts)
+        steps = step[(step > 0.0) & np.repeat(often, counts)]
+        least = steps.min(initial=math.inf)
+        self._add(j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=least)
+
+    def _add_currents(self, j: int, current: Floats, moves: Flags, starts: Counts) -> None:
+        """Add extremes, repeats and zeros of a joint's (N,) currents where they are measured while it `moves`, (W,)."""
+        moving = np.repeat(moves, np.diff(starts, append=len(current))) & np.isfinite(current)
+        both = moving[1:] & moving[:-1]
+        both[starts[1:] - 1] = False  # of two windows
+        same, values = both & (current[1:] == current[:-1]), current[moving]
+        self._add(j, moving=len(values), pairs=np.count_nonzero(both), same=np.count_nonzero(same))
+        low = np.minimum.reduceat(np.where(moving, current, np.inf), starts)
+        high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
+        counts, zeros = _counts(moving, starts), _counts(moving & (current == 0.0), starts)
+        flat, zeros = (low == high) & (counts >= FLAT), np.where(zeros < counts, zeros, 0)
+        change = np.abs(np.diff(current))[both & ~same]
+        self._add(j, least_change=change.min(initial=math.inf))
+        self._add(j, least_current=low.min(), most_current=high.max(), flat=flat.sum(), zeros=zeros.sum())
+        sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
+        self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]
+        self.totals["sizes"][j] += size_counts(sides[0])
+
+    def _add_directions(self, speed: Floats, moves: Flags, middle: Floats, mean: Floats) -> None:
+        """Add, by joint and posture, (W,) windows in which a joint moves alone; `mean` are (W, J) currents."""
+        measured = np.isfinite(mean).astype(float)
+        same = (mean[:, :, None] == mean[:, None, :]) & (mean != 0.0)[:, None, :]
+        self._add(compared=measured.T @ measured, copied=same.sum(axis=0))
+        size = np.abs(speed)
+        for j in np.flatnonzero(moves.any(axis=0)).tolist():
+            alone = moves[:, j] & (np.delete(size, j, axis=1).max(axis=1, initial=0.0) < ALONE * size[:, j])
+            way, angle = np.sign(speed[alone, j]), middle[alone, j]
+            rows = np.column_stack([np.ones(len(way)), np.cos(angle), np.sin(angle), way, np.nan_to_num(mean[alone])])
+            held = np.round(np.delete(middle[alone], j, axis=1) / SAME_POSTURE).astype(np.int64)
+            postures, which = np.unique(held, axis=0, return_inverse=True)
+            parts = [rows[which.reshape(-1) == k] for k in range(len(postures))]
+            sums = [part.T @ part for part in parts]
+            self._add_groups(j, dict(zip(map(tuple, postures.tolist()), sums, strict=True)))
+
+    def _add_groups(self, j: int, more: Mapping[tuple[int, ...], Floats]) -> None:
+        groups = self.groups[j]
+        for posture, sums in more.items():
+            if posture in groups or len(groups) < POSTURES:
+                groups[posture] = groups.get(posture, 0.0) + sums
+
+
+def _counts(flags: Flags, starts: Counts) -> Counts:
+    """(W,) or (W, J) of true (N,) or (N, J) flags from each start on."""
+    return np.add.reduceat(flags, starts, axis=0, dtype=np.int64)
+
+
+def _largest(total: Counter[float], values: Floats) -> Counter[float]:
+    """The two largest of counted levels and of (N,) values, and how often each occurs."""
+    for _ in range(2):
+        level = values.max(initial=-math.inf)
+        total = total + Counter({float(level): int(np.count_nonzero(values == level))})
+        values = values[values < level]
+    return Counter(dict(sorted(total.items())[-2:]))
