@@ -10,7 +10,7 @@ from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import Estimate
 from pumaid.maths import Floats
-from pumaid.robot import ALL, EffectChoice, Robot, read_choice
+from pumaid.robot import ALL, EffectChoice, Robot, read_choice, worded
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
@@ -26,7 +26,7 @@ class Column:
     `place` is the number (from 0) of the effect term that it belongs to, None in the paper's model; `shape` the
     nonlinear parameter of which the column is the derivative, None for linear ones. A link's `scope` acts on inner
     joints through the ratio of gains, all others as they are; `span` goes from the lowest to the highest value that is
-    physical.
+    physical, `deviation` is what a parameter is uncertain by before any data, where the effect says so.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Column:
     shape: str | None = None
     scope: Scope = Scope.JOINT
     span: float = math.inf
+    deviation: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,11 @@ class EffectTerm:
     def key(self) -> tuple[str, int | None]:
         """Effect's name and joint."""
         return self.effect.name, self.joint
+
+    @property
+    def needs_loads(self) -> bool:
+        """Whether its columns wait for the loads of a fit."""
+        return self.effect.needs_loads and self.effect.of_loads(self.shape)
 
     @property
     def number(self) -> int:
@@ -88,7 +94,7 @@ class EffectTerm:
 
     def parts(self, robot: Robot, place: int | None) -> Iterator[Column]:
         """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
-        effect, number = self.effect, self.number
+        effect, number, deviations = self.effect, self.number, self.effect.deviations(self.shape)
         letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")
         items: list[Parameter | Shape] = [
             *self.parameters(robot),
@@ -106,6 +112,7 @@ class EffectTerm:
                 shape=item.name if is_shape else None,
                 scope=effect.scope,
                 span=math.inf if is_shape else item.high - item.low,
+                deviation=deviations.get(item.name),
             )
 
     def linear(self, robot: Robot, samples: Samples, shape: Mapping[str, float] | None = None) -> Floats:
@@ -188,8 +195,12 @@ def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fix
     """
     if name not in catalogue():
         return ""
-    is_whole = catalogue()[name].is_repeatable
-    values = ",".join(f"{key}={value:.8g}" for key, value in shape.items() if is_whole or key in fixed)
+    whole, words = catalogue()[name].chosen(shape), worded(shape)
+    values = ",".join(
+        f"{key}={str(words[key]).lower() if isinstance(words[key], str | bool) else format(value, '.8g')}"
+        for key, value in shape.items()
+        if key in whole or key in fixed
+    )
     return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 
 

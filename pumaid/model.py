@@ -232,7 +232,7 @@ class Model:
         if key in bins.kept:
             return bins.kept[key]
         means = bins.averaged(term.columns(self.robot, replace(bins.nodes[0], loads=gravity)))
-        if not (term.effect.needs_loads or term.shape):
+        if not (term.needs_loads or term.shape):
             bins.kept[key] = means
         return means
 
@@ -344,7 +344,7 @@ class Model:
 
     def needs_loads(self) -> bool:
         """Whether a chosen effect is made from the fitted loads."""
-        return any(term.effect.needs_loads for term in self.effects)
+        return any(term.needs_loads for term in self.effects)
 
     def predict(self, estimate: Estimate, samples: Samples) -> Floats:
         """(M,) current (A) of joint `samples.joint` by the fitted model; unknown ratios count as zero."""

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,12 @@ Point = tuple[float, float, float]
 QUANTITIES = ("position", "velocity", "current", "temperature")
 #: The joint of a choice that stands for all of them.
 ALL = "all"
+#: Shapes that are words -> these, in the order of the numbers that they stand for.
+SHAPE_WORDS: Mapping[str, tuple[str, ...]] = {
+    "of": ("position", "speed", "load", "travel", "time", "temperature"),
+    "odd": ("false", "true"),
+    "times": ("nothing", "speed"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,6 +367,19 @@ def near(postures: Floats, first: int, numbers: Counts, *, within: float) -> Cou
     return numbers
 
 
+def numbered(key: str, value: Any) -> Any:
+    """The number that a word of a shape stands for; any other value as it is."""
+    words, word = SHAPE_WORDS.get(key, ()), str(value).lower()
+    return float(words.index(word)) if word in words else value
+
+
+def worded(shape: Mapping[str, float]) -> dict[str, Any]:
+    """A shape as people and documents have it: words for numbers where the effect has any."""
+    words = SHAPE_WORDS if "of" in shape else {}
+    out = {key: words[key][int(size)] if key in words else size for key, size in shape.items()}
+    return out | ({"odd": bool(shape["odd"])} if "odd" in out and words else {})
+
+
 def read_choice(text: str, robot: Robot, option: str) -> EffectChoice:
     """What a user writes after `option`, ``EFFECT[@JOINT][:KEY=VALUE,...]``; the effect and its keys are not checked.
 
@@ -382,9 +402,10 @@ def read_choice(text: str, robot: Robot, option: str) -> EffectChoice:
         if key in shape:
             raise ModelError("effect-shape", f"{key} is given twice", where, "give it once")
         try:
-            shape[key] = float(value)
+            shape[key] = float(numbered(key, value.strip()))
         except ValueError:
+            what = " or ".join(f"{key}={word}" for word in SHAPE_WORDS.get(key, ("NUMBER",)))
             raise ModelError(
-                "effect-shape", f"{key} is {value!r}, which is no number", where, f"write {key}=NUMBER, or leave it out"
+                "effect-shape", f"{key} is {value!r}, which is no number", where, f"write {what}, or leave it out"
             ) from None
     return EffectChoice(name, joint, shape)

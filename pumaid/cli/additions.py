@@ -103,8 +103,8 @@ def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
     out = []
     for choice in estimate.effects:
         prefix = f"{choice.effect}." if choice.joint is None else f"{choice.effect}.j{choice.joint}."
-        is_whole = catalogue()[choice.effect].is_repeatable
-        shape = {name: value for name, value in choice.shape.items() if is_whole or prefix + name in given}
+        whole = catalogue()[choice.effect].chosen(choice.shape)
+        shape = {name: value for name, value in choice.shape.items() if name in whole or prefix + name in given}
         out.append(replace(choice, shape=shape))
     return tuple(out)
 
@@ -148,7 +148,7 @@ def added(
         count = len(done)
         for finding in new:
             # The shape is left open, but where the same effect may stand there twice.
-            shape = dict(finding.shape) if catalogue()[finding.effect].is_repeatable else {}
+            shape = catalogue()[finding.effect].chosen(finding.shape)
             fresh = identified(
                 dataset, robot, effects=(*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
             )
@@ -176,7 +176,7 @@ def _errors(estimate: Estimate, joint: int | None) -> dict[str, float]:
 def _is_same(finding: Finding, other: Finding) -> bool:
     """Whether two findings are one: of what may stand at a joint several times, with shapes alike."""
     is_one = (finding.effect, finding.joint) == (other.effect, other.joint)
-    shapes = other.shape if catalogue()[other.effect].is_repeatable else {}
+    shapes = catalogue()[other.effect].chosen(other.shape)
     return is_one and all(math.isclose(finding.shape[name], size, rel_tol=0.01) for name, size in shapes.items())
 
 

@@ -59,7 +59,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
     covered = {joint: _covered(solved, joint) for joint in (None, *range(1, robot.n_joints + 1))}
     groups, excluded = {}, {}
-    for effect in (x for x in effects or catalogue().values() if not x.base):
+    for effect in (x for x in effects or catalogue().values() if not (x.base or x.is_free)):
         for joint in owners.get(effect.scope, moving):
             why = None if joint is None else effect.applies(robot, joint)
             if why is not None:

@@ -159,7 +159,9 @@ class Stepwise:
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.model, self.runs, self.given, self.tell = model, runs, list(given), tell
-        self.effects = [effect for effect in (effects or tuple(catalogue().values())) if not effect.base]
+        self.effects = [
+            effect for effect in (effects or tuple(catalogue().values())) if not (effect.base or effect.is_free)
+        ]
         self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
         self._bins, self._unseen = (
             [joint_bins(model.robot, part, most=limit, begun=begun) for limit in (COARSE, FINE)]
@@ -343,8 +345,8 @@ class Stepwise:
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
         for candidate in (candidate for candidate in self.denied if candidate.key == term.key):
-            shape = candidate.trial.added.shape
-            if not term.effect.is_repeatable or all(np.isclose(term.shape[k], shape[k], rtol=ALIKE) for k in shape):
+            shape = term.effect.chosen(candidate.trial.added.shape)
+            if all(np.isclose(term.shape[k], shape[k], rtol=ALIKE) for k in shape):
                 return candidate.transfer
         return None
 

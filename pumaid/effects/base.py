@@ -201,6 +201,8 @@ class Effect:
     opposes_motion: ClassVar[bool] = False
     #: Whether a joint may have it several times with other shapes (two harmonics).
     is_repeatable: ClassVar[bool] = False
+    #: Whether it is a free function of a variable: tried only where nothing of the catalogue explains what is left.
+    is_free: ClassVar[bool] = False
     #: Name of the shape that is a frequency of the own position, looked for by a periodogram on the finest cells.
     periodic: ClassVar[str | None] = None
     #: Whether its columns are made from `Samples.loads`, so that they wait for a fit and move with it;
@@ -261,6 +263,18 @@ class Effect:
     def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
         """Signs that the parameters have if it is this physics, with this shape; () where `parameters` says them."""
         return tuple(parameter.sign for parameter in self.linear)
+
+    def chosen(self, shape: Mapping[str, float]) -> Mapping[str, float]:
+        """The shapes that tell it from the same effect at the same joint: all where that may be, else none."""
+        return dict(shape) if self.is_repeatable else {}
+
+    def of_loads(self, shape: Mapping[str, float]) -> bool:
+        """Whether with this shape its columns are made from loads, where it `needs_loads`."""
+        return self.needs_loads
+
+    def deviations(self, shape: Mapping[str, float]) -> Mapping[str, float]:
+        """Standard deviation before any data of the parameters that are not held by what is plausible alone."""
+        return {}
 
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1; 0: the whole arm), or None where it can."""

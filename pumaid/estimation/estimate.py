@@ -16,6 +16,7 @@ from pumaid.effect_spec import expanded
 from pumaid.effects import Family, Trace, load_refusal
 from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
+from pumaid.estimation.curves import curve_values
 from pumaid.estimation.evaluate import JointPrediction, fast_squares, predictions, rmse
 from pumaid.estimation.fit import Fit, FitRow
 from pumaid.estimation.gls import Progress, interval, two_sided
@@ -161,7 +162,7 @@ def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Cove
     return Estimate(
         robot=model.robot.name,
         joints=(),
-        values=(*values, *_shapes(result, choices, values)),
+        values=(*values, *_shapes(result, choices, values), *curve_values(fitted, parameters.covariance)),
         names=model.names,
         solution=np.where(is_shape, 0.0, fitted.values),
         covariance=parameters.covariance[: len(is_shape), : len(is_shape)],
@@ -183,6 +184,8 @@ def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence
     model, out = result.fit.model, []
     identified = {value.name for value in values if value.state == IDENTIFIED}
     for place, (choice, term) in enumerate(zip(choices, model.effects, strict=True)):
+        if term.effect.is_free:
+            continue
         shows = any(column.name in identified for column in model.columns if column.place == place)
         for column in replace(term, fitted=tuple(term.shape)).parts(model.robot, place):
             name = column.shape

@@ -10,6 +10,7 @@ import numpy as np
 
 from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.effects import Scope
+from pumaid.effects.curve import outside, spoken_form
 from pumaid.errors import Note
 from pumaid.estimate import Estimate, JointResult
 from pumaid.joint_bins import JointBins, joint_bins
@@ -37,6 +38,8 @@ OPEN = 0.05
 CLOSED = 1e-6
 #: Share of the replicates' noise floor below which an RMSE shows that replicates differ by what the model explains.
 BELOW = 0.9
+#: Share of a run's bins beyond a curve's range from which that is told.
+FEW = 0.02
 #: Largest group of effects that is searched for; the rest is one group, which is what a user can still read.
 LARGEST_GROUP = 3
 #: Name of the share of the current that no effect of the model explains.
@@ -171,7 +174,8 @@ class JointPrediction:
     """An estimate at the R runs (N bins) of one joint: design matrix, prediction, and sums over the samples of each
     run.
 
-    `design` (N, p) is A per unit of each parameter, `predicted` and `residual` (N,) A, `inside` (N,) A2 of variance
+    `design` (N, p) is A per unit of each parameter, `beyond` maps curves to the (N,) bins that reach beyond
+    their range, `predicted` and `residual` (N,) A, `inside` (N,) A2 of variance
     inside bins that the prediction leaves; `parts` (N, E) is the prediction by `effects`. Of each run (R,) there are
     `samples`, and over them the sums of the squared residual (`square`) and current, A2. `counted` (R,) are behind the
     joint's figures: those that are not `heldout`, or all where all are.
@@ -183,7 +187,11 @@ class JointPrediction:
         gravity = None
         if model.needs_loads():
             gravity = loads_at(model, bins, solution=estimate.solution, scales=estimate.scales, at_nodes=True)
-        fine, count = model.at_nodes(bins, gravity), bins.count
+        fine, count, nodes = model.at_nodes(bins, gravity), bins.count, replace(bins.nodes[0], loads=gravity)
+        curves = [term for term in model.effects if term.effect.is_free and term.touches(bins.joint)]
+        self.beyond: dict[str, Flags] = {
+            spoken_form(term.shape): outside(model.robot, nodes, term.shape).reshape(-1, 3)[:, 1] for term in curves
+        }
         self.design = bins.averaged(fine)
         names = np.array([column.effect for column in model.columns])
         self.effects = tuple(dict.fromkeys(names.tolist()))
@@ -272,7 +280,9 @@ class JointPrediction:
                 for k, name in enumerate(self.effects)
                 if self.design[span][:, self._is_part[:, k]].any()
             }
-            reason = None if is_fitted[n] else self._undetermined(run, self.design[span])
+            far = (name for name, is_far in self.beyond.items() if is_far[span].mean() > FEW)
+            end = next((f"goes beyond the range on which the curve {name} was learned" for name in far), None)
+            reason = None if is_fitted[n] else end or self._undetermined(run, self.design[span])
             yield RunScore(
                 run=run,
                 rmse=float(np.sqrt(self.square[n] / self.samples[n])),

@@ -301,7 +301,7 @@ def loaded(fitted: Fit) -> Fit:
 def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Floats:
     """(N, p) the model's design at bins of one joint, effects of the load by the fit `before`."""
     loads = None
-    if any(term.effect.needs_loads and term.touches(bins.joint) for term in model.effects):
+    if any(term.needs_loads and term.touches(bins.joint) for term in model.effects):
         if before is None:
             raise ValueError("effects of the load wait for a fit")
         loads = with_loads(before, bins, at_nodes=True).loads
@@ -334,15 +334,15 @@ class Refit:
 class Projector:
     """What is left of further columns beyond a fit, all else refitted.
 
-    Columns are means over bins where `at_nodes`, else values at their middles; loads are those of `whole`, where given,
-    else those that the bins have.
+    Columns are means over bins where `at_nodes`, else values at their middles, the `samples` by joint; loads are those
+    of `whole`, where given, else those that the bins have.
     """
 
     def __init__(self, solved: Fit, *, whole: Fit | None = None, at_nodes: bool = False) -> None:
-        self.solved, self.at_nodes, self._samples = solved, at_nodes, dict[int, Samples]()
+        self.solved, self.at_nodes, self.samples = solved, at_nodes, dict[int, Samples]()
         for bins in (row.bins for row in solved.joints):
             points = bins.nodes[0] if at_nodes else bins.samples
-            self._samples[bins.joint] = points if whole is None else with_loads(whole, bins, at_nodes=at_nodes)
+            self.samples[bins.joint] = points if whole is None else with_loads(whole, bins, at_nodes=at_nodes)
         stops = np.cumsum([0, *(len(row.bins.runs) for row in solved.joints)]).tolist()
         self.runs = {row.bins.joint: slice(*stops[k : k + 2]) for k, row in enumerate(solved.joints)}
 
@@ -366,7 +366,7 @@ class Projector:
         made, robot = dict[int, Floats](), self.solved.model.robot
         for row in self.solved.joints:
             if terms[0].touches(row.bins.joint):
-                columns = np.hstack([term.linear(robot, self._samples[row.bins.joint]) for term in terms])
+                columns = np.hstack([term.linear(robot, self.samples[row.bins.joint]) for term in terms])
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
 

@@ -109,7 +109,7 @@ def _row(
     design = None
     if like is not None and old is not None:
         terms = [[term for term in part.effects if term.touches(bins.joint)] for part in (like.model, model)]
-        if terms[0] == terms[1] and not any(term.effect.needs_loads for term in terms[0]):
+        if terms[0] == terms[1] and not any(term.needs_loads for term in terms[0]):
             old = old.in_columns(like.model.names, model.names)
             if noise in (None, old.inner):
                 return old
@@ -318,7 +318,7 @@ def _linearised(fitted: Fit, through: Mapping[int, Floats], off: Floats | None =
 
 def _through_loads(fitted: Fit) -> dict[int, Floats]:
     """Joint -> (N, P) derivative of what effects of the load draw there, by what the load is made of."""
-    needs = [term for term in fitted.model.effects if term.effect.needs_loads]
+    needs = [term for term in fitted.model.effects if term.needs_loads]
     rows = [row for row in fitted.rows if any(term.touches(row.joint) for term in needs)]
     return {row.joint: _moved_through_loads(fitted, row.bins) for row in rows}
 
@@ -328,7 +328,7 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
     model, p = fitted.model, len(fitted.values)
     theta = np.append(fitted.values, fitted.gains.ratios)
     least = np.append(fitted.limit, np.ones(len(theta) - p))
-    terms = [(place, t) for place, t in enumerate(model.effects) if t.effect.needs_loads and t.touches(bins.joint)]
+    terms = [(place, t) for place, t in enumerate(model.effects) if t.needs_loads and t.touches(bins.joint)]
     makers = {bins.joint, *(term.number for _, term in terms)}
     makes = [c.place is None and (c.scope is Scope.LINK or c.owner in makers) for c in model.columns]
     kinds = np.array([c.effect for c in model.columns] + ["ratio"] * (len(theta) - p))
@@ -361,7 +361,7 @@ def limits(rows: Sequence[Row], model: Model) -> Floats:
         elif column.place is not None or column.effect == INERTIA:
             felt = [row for row in rows if column.place is not None or row.joint == column.owner]
             peaks = [(row.bins, float(np.abs(row.design[:, index]).max())) for row in felt]
-            out.append(plausible(peaks, column.span))
+            out.append(column.deviation or plausible(peaks, column.span))
         else:
             in_full = {"gravity": g, "viscous": speed.get(column.owner)}.get(column.effect) or 1.0
             out.append(max(drawn.get(column.owner, max(drawn.values())), np.finfo(float).tiny) / in_full)

@@ -282,7 +282,9 @@ class FittedParameters:
     def values(self) -> tuple[Value, ...]:
         """Every parameter, every ratio of neighbours, and where such is open the next one outward that is known."""
         model = self.fitted.model
-        columns = [(index, column) for index, column in enumerate(model.columns) if column.effect != KNOWN_LOAD]
+        # A curve has rows of its own.
+        apart = {KNOWN_LOAD, *(term.effect.name for term in model.effects if term.effect.is_free)}
+        columns = [(index, column) for index, column in enumerate(model.columns) if column.effect not in apart]
         out = [self._parameter(index, column) for index, column in columns]
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
@@ -533,7 +535,10 @@ def confounded(fitted: Fit) -> tuple[dict[int, tuple[str, ...]], Counts, Floats]
     is_effect = np.zeros(jacobian.shape[1], dtype=bool)
     is_effect[: len(columns)] = [column.place is not None for column in columns]
     norms = np.linalg.norm(jacobian, axis=0)
-    effects = np.array([n for n in np.flatnonzero(is_effect & (norms > 0)) if columns[n].shape is None], dtype=int)
+    # What a curve could take over its prior does not let it.
+    free = {place for place, term in enumerate(fitted.model.effects) if term.effect.is_free}
+    acting = [n for n in np.flatnonzero(is_effect & (norms > 0)) if columns[n].place not in free]
+    effects = np.array([n for n in acting if columns[n].shape is None], dtype=int)
     if not len(effects) or fitted.first is None:
         return out, effects, np.zeros((0, len(effects)))
     rest, size = np.flatnonzero(~is_effect), norms[effects]

@@ -10,6 +10,7 @@ from pumaid.dataset import FirstMotions, Run
 from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Extent, Family, Scope, Shape
 from pumaid.errors import ModelError, Where
+from pumaid.estimation.curves import learned
 from pumaid.estimation.fit import Fit, Projector, Refit
 from pumaid.estimation.gls import Progress, fit_bins, refit, releveled, with_errors
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
@@ -149,6 +150,8 @@ def search_shape(projector: Projector, term: EffectTerm, free: Sequence[str]) ->
     `projector` is of the fit without it, `free` are the shapes to look for; what is open is told by name of those
     without derivative (an instant, a whole number).
     """
+    if term.effect.is_free:
+        return learned(projector, term)[0], {}
     likelihood, robot = ShapeLikelihood(projector, term), projector.solved.model.robot
     shapes, effect = likelihood.shapes, term.effect
     rows = [row.bins for row in projector.solved.joints if term.touches(row.bins.joint)]
@@ -222,7 +225,7 @@ class EffectFit:
 
     def __init__(self, model: Model, bins: Sequence[JointBins], wanted: Sequence[EffectTerm]) -> None:
         self.model, self.bins, self.is_settled = model, bins, True
-        self.terms = {n: t for n, t in enumerate(wanted) if not self.free(t) and not t.effect.needs_loads}
+        self.terms = {n: t for n, t in enumerate(wanted) if not self.free(t) and not t.needs_loads}
         self.ranges: dict[tuple[int, str], Ends] = {}
 
     def free(self, term: EffectTerm) -> list[str]:
@@ -246,7 +249,7 @@ class EffectFit:
         """
         shapes = term.shapes(self.model.robot)
         self.terms[place] = term
-        for _ in range(2 if term.effect.family in SLOW else 1):
+        for _ in range(2 if term.effect.family in SLOW or term.effect.is_free else 1):
             self.terms[place], ranges = search_shape(self.without(place, at_nodes=False), term, free)
             self.ranges |= {(place, name): ends for name, ends in ranges.items()}
             self.fit = releveled(refit(self.fit, self.now(), is_renewed=True))
@@ -352,7 +355,7 @@ def fit_effects(
         elif free:
             tell(term.number, f"looking for {' and '.join(free)} of {term.effect.name}")
             work.look(place, term, free)
-        elif term.effect.needs_loads:
+        elif term.needs_loads:
             work.terms[place] = term
             work.fit = refit(work.fit, work.now())
     tell(0, "refining all effects together")

@@ -41,6 +41,7 @@ from pumaid.robot import (
     Robot,
     Safety,
     Sphere,
+    numbered,
     placement,
     turn_of_z,
 )
@@ -94,6 +95,11 @@ def is_joint_name(name: str) -> bool:
         and not re.search("[@,]", name)
         and not re.fullmatch(r"[\d.+-]+", name)
     )
+
+
+def _numbers(shape: Any) -> Any:
+    """A shape with numbers for its words."""
+    return {key: numbered(key, value) for key, value in shape.items()} if isinstance(shape, dict) else shape
 
 
 def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
@@ -195,7 +201,7 @@ class EffectForm(StrictForm):
 
     effect: Words = like("NAME in {effect: NAME, joint: 3}; pumaid effects lists the names")
     joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
-    shape: dict[str, Finite] = like("{velocity: 0.1}", default={})
+    shape: Annotated[dict[str, Finite], BeforeValidator(_numbers)] = like("{velocity: 0.1}", default={})
 
 
 class BoxForm(StrictForm):

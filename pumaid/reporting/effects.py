@@ -48,7 +48,7 @@ def facts(effect: Effect) -> dict[str, Any]:
         "parameters": [
             {"owner": kind, "symbol": parameter.symbol.format(n="N")} | _stated(parameter)
             for kind, number in owners
-            for parameter in effect.parameters(ARM, number)
+            for parameter in effect.parameters(ARM, number)[: 2 if effect.is_free else None]
         ],
         "shapes": [
             {"owner": kind, "is_searched": shape.is_searched} | _stated(shape)
@@ -222,7 +222,9 @@ def _against(effect: Effect, variable: str) -> dict[str, Any]:
         "values": values,
         "forward": currents[0],
         "backward": currents[1],
-        "at": ", ".join(f"{item.name} = {item.example:.3g} {item.unit}".removesuffix(" 1") for item in items),
+        "at": ", ".join(
+            f"{item.name} = {item.example:.3g} {item.unit}".removesuffix(" 1") for item in items if item.example
+        ),
     }
 
 

@@ -15,6 +15,7 @@ from pumaid.diagnosis.records import (
     JointDiagnosis,
 )
 from pumaid.effects import catalogue
+from pumaid.effects.curve import spoken_form
 from pumaid.estimate import IDENTIFIED, Estimate, JointResult, Value
 from pumaid.estimation.evaluate import Comparison
 from pumaid.reporting import text as sentences
@@ -136,6 +137,9 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
     ]
     extra = dict.fromkeys(effect for effect, name in rows if (effect, name) not in {*LABELS, *unseen})
     titles = {effect: catalogue()[effect].title for effect in extra if effect in catalogue()}
+    for choice in estimate.effects:
+        if catalogue()[choice.effect].is_free and choice.effect in titles:
+            titles[choice.effect] += f", at joint {choice.joint} {spoken_form(choice.shape)}"
     if "inertia" in titles and ("inertia", "J") not in rows:
         titles["inertia"] = "base parameters of the rigid body"
     legend = [f"g = {number(gravity, 6)} m/s2", *(f"{effect}: {title}" for effect, title in titles.items())]

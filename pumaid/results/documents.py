@@ -19,7 +19,7 @@ from pumaid.errors import ModelError, Note, ResultError, Where
 from pumaid.estimate import Estimate
 from pumaid.io.forms import file_name, read_bytes
 from pumaid.io.write import write_file
-from pumaid.robot import Robot
+from pumaid.robot import Robot, numbered, worded
 
 Record = TypeVar("Record")
 
@@ -56,7 +56,9 @@ def plain(value: Any) -> Any:
         return {plain(str(key)): plain(item) for key, item in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
         names = _ENTRIES.get(type(value).__name__, {})
-        return {names.get(item.name, item.name): plain(getattr(value, item.name)) for item in fields(value)}
+        parts = {item.name: getattr(value, item.name) for item in fields(value)}
+        parts |= {"shape": worded(parts["shape"])} if isinstance(parts.get("shape"), Mapping) else {}
+        return {names.get(name, name): plain(part) for name, part in parts.items()}
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     return [plain(item) for item in value]
@@ -143,7 +145,7 @@ def record_from(kind: Any, entry: Any) -> Any:
         kinds = [inside[0]] * len(entry) if inside[-1] is Ellipsis else inside
         return tuple(record_from(inner, item) for inner, item in zip(kinds, entry, strict=True))
     if isinstance(entry, dict):
-        return {key: record_from(inside[1], item) for key, item in entry.items()}
+        return {key: record_from(inside[1], numbered(key, item)) for key, item in entry.items()}
     if kind is float:
         return math.nan if entry is None else float(entry)
     return entry

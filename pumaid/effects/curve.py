@@ -1,0 +1,118 @@
+"""Learned curve of one variable, for what no law of the catalogue describes."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Samples, Shape, Trace
+from pumaid.effects.formula import QUANTITIES
+from pumaid.maths import Flags, Floats
+from pumaid.robot import SHAPE_WORDS, Robot
+
+#: Equal segments of the range: two knots within the narrowest worn spot that is told from a ripple.
+SEGMENTS = 32
+#: Variables of a curve as formulas call them, in the order of their words.
+OF = ("q", "v", "load", "path", "t", "temperature")
+#: The same as free forms call them, and the share of its range by which a curve may be left before that is told.
+NAMES, MARGIN = ("q", "v", "load", "travel", "t", "temperature"), 0.02
+SPEED, LOAD = OF.index("v"), OF.index("load")
+MEANING = f"second difference of the spline's coefficients; up to bend{SEGMENTS + 1}"
+#: What is chosen of a curve; the rest follows from the runs.
+CHOSEN = ("of", "odd", "times")
+
+_second = np.diff(np.eye(SEGMENTS + 3), n=2, axis=0)
+#: (S + 3, S + 2) coefficients of the cubic B-splines by a slope over the range and by their own second differences: a
+#: constant is left out, since Coulomb or viscous friction has it.
+COEFFICIENTS: Floats = np.column_stack(
+    [(np.arange(SEGMENTS + 3) - 1.0) / (SEGMENTS / 2.0) - 1.0, np.linalg.pinv(_second)]
+)
+
+
+class LearnedCurve(Effect):
+    """A cubic spline of position, speed, load, travel, time or temperature, as smooth as the data ask for.
+
+    odd curves change their sign with the motion, as friction does; those times speed are a viscous friction that
+    varies. Second differences of the coefficients have the standard deviation `spread` before any data, which
+    restricted maximum likelihood chooses; beyond the range of its runs the curve stays as it is at the end.
+    """
+
+    equation = "f(of), s f(of) or v f(of)"
+    source = (
+        "S. N. Wood, Generalized Additive Models, 2nd ed., 2017, ch. 5, 6; D. Ruppert, M. P. Wand and R. J. Carroll,"
+        " Semiparametric Regression, 2003, ch. 4"
+    )
+    family = Family.SUSPECT
+    trace = (Trace.POSITION, Trace.DIRECTION)
+    is_repeatable = True
+    is_free = True
+    needs_loads = True
+    linear = (
+        Parameter("slope", "A", "half the rise of a straight line", "c{n}", 0.01),
+        *(
+            Parameter(f"bend{k}", "A", MEANING, f"c{{n}}_{k}", {12: 0.01, 16: -0.02, 20: 0.01}.get(k, 0.0))
+            for k in range(1, SEGMENTS + 2)
+        ),
+    )
+    nonlinear = (
+        Shape("of", "1", f"variable: {', '.join(SHAPE_WORDS['of'])}", 0.0, len(OF) - 1.0, 0.0, is_searched=False),
+        Shape("odd", "1", "with the sign of motion: false, true", 0.0, 1.0, 1.0, is_searched=False),
+        Shape("times", "1", "by nothing, speed", 0.0, 1.0, 0.0, is_searched=False),
+        Shape("low", "SI", "lowest value in the runs", -1e9, 1e9, -1.5, is_searched=False),
+        Shape("high", "SI", "highest", -1e9, 1e9, 1.5, is_searched=False),
+        Shape("spread", "A", "deviation of bends", 0.0, 1e6, 0.05, is_searched=False),
+    )
+
+    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
+        return ({shape.name: shape.example for shape in self.nonlinear},)
+
+    def chosen(self, shape: Mapping[str, float]) -> Mapping[str, float]:
+        return {name: shape[name] for name in CHOSEN if name in shape and (name != "times" or shape[name])}
+
+    def of_loads(self, shape: Mapping[str, float]) -> bool:
+        return shape.get("of", LOAD) == LOAD
+
+    def deviations(self, shape: Mapping[str, float]) -> Mapping[str, float]:
+        return {parameter.name: shape["spread"] for parameter in self.linear[1:]}
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        low, high = shape["low"], shape["high"]
+        factor = np.ones(len(samples))
+        for name, is_there in (("s", shape["odd"]), ("v", shape["times"])):
+            factor = factor * (QUANTITIES[name](robot, samples, samples.joint) if is_there else 1.0)
+        out = splines((variable(robot, samples, shape) - low) / max(high - low, 1e-300)) @ COEFFICIENTS
+        if int(shape["of"]) == SPEED and shape["odd"] and not shape["times"]:
+            out[:, 0] = 0.0  # viscous friction has it
+        return np.asarray(out * factor[:, None])
+
+
+def variable(robot: Robot, samples: Samples, shape: Mapping[str, float]) -> Floats:
+    """(M,) values of a curve's variable."""
+    return np.asarray(QUANTITIES[OF[int(shape["of"])]](robot, samples, samples.joint))
+
+
+def spoken_form(shape: Mapping[str, float]) -> str:
+    """A curve as free forms are called, ``s f(q)``."""
+    factors = {(0, 0): "", (1, 0): "s ", (1, 1): "v ", (0, 1): "|v| "}
+    return f"{factors[bool(shape['odd']), bool(shape['times'])]}f({NAMES[int(shape['of'])]})"
+
+
+def outside(robot: Robot, samples: Samples, shape: Mapping[str, float]) -> Flags:
+    """(M,) instants at which a curve is held at an end of its range."""
+    x, margin = variable(robot, samples, shape), MARGIN * (shape["high"] - shape["low"])
+    return np.asarray((x < shape["low"] - margin) | (x > shape["high"] + margin))
+
+
+def splines(share: Floats) -> Floats:
+    """(M, S + 3) cubic B-splines on equal segments of the range, of which (M,) shares are given, held at its ends.
+
+    Source: C. de Boor, A Practical Guide to Splines, ch. 9; P. H. C. Eilers, B. D. Marx, Stat. Sci. 11 (1996) 89-121.
+    """
+    place = np.clip(share, 0.0, 1.0) * SEGMENTS
+    segment = np.minimum(place.astype(np.int64), SEGMENTS - 1)
+    t, out = place - segment, np.zeros((len(place), SEGMENTS + 3))
+    parts = ((1.0 - t) ** 3, 3.0 * t**3 - 6.0 * t**2 + 4.0, -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0, t**3)
+    for k, part in enumerate(parts):
+        out[np.arange(len(t)), segment + k] = part / 6.0
+    return out
