@@ -46,7 +46,7 @@ from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate, JointFit
-from pumaid.estimation.fit import Fit
+from pumaid.estimation.fit import Fit, Projector
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
@@ -59,6 +59,8 @@ from pumaid.robot import Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
+#: Share of a parameter's direction that its information need not show.
+SHOWN = 1e-6
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -68,10 +70,10 @@ def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats)
     """An effect's parameters with standard errors; of two of which only the sum or difference is known, that."""
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     alone = tuple(
-        Size(parameter.name, float(value), float(error), parameter.unit)
+        Size(parameter.name, float(value), float(error) if np.isfinite(error) else None, parameter.unit)
         for parameter, value, error in zip(term.parameters(robot), values, errors, strict=True)
     )
-    if len(alone) != 2 or alone[0].unit != alone[1].unit:
+    if len(alone) != 2 or alone[0].unit != alone[1].unit or not np.isfinite(errors).all():
         return alone
     information, (first, second) = pseudo_inverse(covariance)[0], alone
     cosine = information[0, 1] / np.sqrt(max(information[0, 0] * information[1, 1], np.finfo(float).tiny))
@@ -80,6 +82,20 @@ def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats)
     sign, word = float(np.sign(cosine)), "+" if cosine > 0.0 else "-"
     error = float(np.sqrt(covariance.trace() + 2.0 * sign * covariance[0, 1]))
     return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
+
+
+def covariance_of(candidate: EvaluatedCandidate) -> Floats:
+    """(m, m) of its linear parameters, its shapes refitted too; infinite where it is not told apart from its shapes."""
+    solved, trial, count = candidate.on, candidate.trial, len(candidate.trial.sizes)
+    term, information = trial.added.searched(solved.model.robot), trial.information
+    if term.fitted and not term.effect.periodic:  # a frequency is given to the fit, not fitted
+        projector = Projector(solved)
+        white = projector.whitened(projector.columns([term.at({}, trial.sizes.tolist())]))
+        if white:
+            information = projector.scores(white, next(iter(white.values())).shape[1])[1][0]
+    covariance = pseudo_inverse(information)[0]
+    is_shown = np.diagonal(covariance @ information)[:count] > 1.0 - SHOWN
+    return np.where(np.outer(is_shown, is_shown), covariance[:count, :count] * solved.scale, np.inf)
 
 
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
@@ -456,7 +472,6 @@ class DiagnosisBuilder:
         """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
         term, falls = candidate.trial.added, candidate.falls
         option = option_text(term.effect.name, term.joint, term.shape)
-        covariance = pseudo_inverse(candidate.trial.information)[0] * candidate.on.scale
         keys = dict.fromkeys(rival.key for rival in rivals if rival.key != term.key)
         return {
             "effect": term.effect.name,
@@ -467,7 +482,7 @@ class DiagnosisBuilder:
             "rmse_after": min(candidate.after.values(), default=None),
             "rmse_heldout_before": falls.before if falls else None,
             "rmse_heldout_after": falls.after if falls else None,
-            "sizes": sizes(term, self.robot, candidate.trial.sizes, covariance=covariance),
+            "sizes": sizes(term, self.robot, candidate.trial.sizes, covariance=covariance_of(candidate)),
             "rivals": tuple(name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys),
             "command": option and f"{IDENTIFY} --add {option}",
         }

@@ -37,11 +37,11 @@ CAUSES = (
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """A fitted parameter of a candidate: name, value and standard error, unit."""
+    """A fitted parameter of a candidate: name, value, standard error (None: not told apart from its shape), unit."""
 
     name: str
     value: float
-    std_error: float
+    std_error: float | None
     unit: str
 
 

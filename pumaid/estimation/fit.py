@@ -362,11 +362,15 @@ class Projector:
         return {joint: (n, self.solved.by_bin[joint].jacobian.T[n]) for joint, n in numbers.items()}
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
-        """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts."""
+        """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts.
+
+        Derivatives by a term's `fitted` shapes are among them.
+        """
         made, robot = dict[int, Floats](), self.solved.model.robot
         for row in self.solved.joints:
             if terms[0].touches(row.bins.joint):
-                columns = np.hstack([term.linear(robot, self.samples[row.bins.joint]) for term in terms])
+                samples = self.samples[row.bins.joint]
+                columns = np.hstack([(term.columns if term.fitted else term.linear)(robot, samples) for term in terms])
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
 

@@ -448,8 +448,8 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
     is_column, sizes, shape = finding.effect.startswith(SUSPECT), [], []
     for size in finding.sizes:
         scale, unit = in_unit(bare(size.unit), units)
-        value, error = with_error(scale * size.value, scale * size.std_error)
-        sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value} ± {error} {unit}".rstrip())
+        value, error = with_error(scale * size.value, None if size.std_error is None else scale * size.std_error)
+        sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value}{f' ± {error}' if error else ''} {unit}".rstrip())
     effect = catalogue().get(finding.effect)
     unit_of = {item.name: bare(item.unit) for item in effect.shapes(robot, finding.joint or 0)} if effect else {}
     for name, amount in finding.shape.items():
@@ -458,8 +458,8 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
     words = SUSPECT_FORMS[int(finding.shape.get("times", 0.0))] if is_column else listed(shape)
     if not sizes:
         return f"Shape: {words}." if words else ""
-    joiner = ", " if is_column else ", with "
-    return f"Size: {listed(sizes)}{joiner + words if words else ''}."
+    joiner = ", not told apart from " if None in [size.std_error for size in finding.sizes] else ", with "
+    return f"Size: {listed(sizes)}{(', ' if is_column else joiner) + words if words else ''}."
 
 
 def decision_sentence(finding: Finding) -> str:

@@ -18,9 +18,11 @@ from pumaid.diagnosis.score_test import replicate_test
 from pumaid.diagnosis.stepwise import Stepwise, evidence
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
+from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins, joint_bins
+from pumaid.reporting.text import size_sentence
 from pumaid.simulation import Hidden
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
@@ -349,3 +351,19 @@ def test_where_speed_varies_within_runs_it_is_drawn_bin_by_bin():
     for side in picture.sides:
         assert side.before == pytest.approx(np.exp(-side.centres / 0.2), abs=0.05)
         assert side.centres[-1] > 0.85 * speed.max()
+
+
+@pytest.mark.parametrize(("speeds", "is_told"), [((0.25, 0.5, 1.0, 1.5), False), (np.geomspace(0.03, 1.5, 8), True)])
+def test_sizes_have_errors_of_all_that_is_fitted_beside_them(speeds, is_told):
+    """Of a fall over four speeds, two of them friction's, a height is not told; over eight it is right."""
+    hidden = Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0})
+    lab = Lab.of(LEVER, design(LEVER, postures=1 if is_told else 2, speeds=speeds), hidden)
+    for seed in (60, 61):
+        dataset = Dataset(lab.noisy(seed, Din(level=0.003)))
+        finding = diagnose(identify(dataset, LEVER), dataset, LEVER).findings[0]
+        (size,), sentence = finding.sizes, size_sentence(finding, LEVER)
+        assert finding.effect == "stribeck"
+        if is_told:
+            assert abs(abs(size.value) - 0.1) < 3.0 * size.std_error and ", with velocity" in sentence
+        else:
+            assert size.std_error is None and ", not told apart from velocity" in sentence
