@@ -17,6 +17,7 @@ from pumaid import __version__
 from pumaid.dataset import BLOCK, STROKE
 from pumaid.errors import ModelError, Note, ResultError, Where
 from pumaid.estimate import Estimate
+from pumaid.io.formats import endings
 from pumaid.io.forms import file_name, read_bytes
 from pumaid.io.write import write_file
 from pumaid.robot import Robot, numbered, worded
@@ -104,7 +105,7 @@ def read_document(path: Path, kind: str, build: Callable[[dict[str, Any]], Recor
     data = read_bytes(path, kind=ResultError, most=MOST_BYTES, mend=mend)
 
     def damaged(what: str, field: str | None = None, line: int | None = None) -> ResultError:
-        is_log = name.lower().endswith((".csv", ".parquet"))
+        is_log = name.lower().endswith(endings())
         mend = "the model comes before the logs: MODEL LOGS..." if is_log else f"make it again with '{_MADE_BY[kind]}'"
         return ResultError("file-damaged", what, Where(file=name, field=field, line=line), mend)
 

@@ -22,9 +22,6 @@ _FOREIGN = {
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
     b"\x89HDF": "an HDF5 or MATLAB 7.3 file",
     b"MATLAB": "a MATLAB file",
-    b"#ROSBAG": "a ROS bag",
-    b"\x89MCAP": "an MCAP recording",
-    b"SQLite format": "an SQLite database",
     b"\x28\xb5\x2f\xfd": "compressed by zstd (gzip is read as it is)",
     b"\xfd7zXZ\x00": "compressed by xz (gzip is read as it is)",
     b"BZh": "compressed by bzip2 (gzip is read as it is)",
@@ -35,6 +32,11 @@ _FOREIGN = {
     b"{": "JSON",
     b"<": "XML or HTML",
 }
+#: How to mend what cannot be read.
+_MEND = (
+    "check path, permissions and disk; copy or export a damaged file again; a store may need a package of its own (pip"
+    " install 'pumaid[dask]')"
+)
 
 
 class LogColumn(NamedTuple):
@@ -109,7 +111,7 @@ def floats(column: Any) -> Floats:
 
 
 @contextmanager
-def refusing(name: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
+def refusing(name: str, kinds: tuple[type[Exception], ...] = (Exception,), *, mend: str = _MEND) -> Iterator[None]:
     """Whatever of some kinds the system, Arrow or a store's own library raises, as a refusal; but not a lack of memory.
 
     Raises
@@ -123,10 +125,6 @@ def refusing(name: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> It
         raise
     except kinds as error:
         reason = getattr(error, "strerror", None) or f"{str(error)[:200]} ({type(error).__name__})"
-        mend = (
-            "check path, permissions and disk; copy or export a damaged file again; a store may need a package of its"
-            " own (pip install 'pumaid[dask]')"
-        )
         raise LogError("file-not-readable", f"{name} cannot be read: {reason}", Where(file=name), mend) from error
 
 
@@ -157,8 +155,8 @@ def log_format(head: bytes, name: str) -> type[LogSource]:
     if not fitting:
         raise LogError(
             "not-a-log",
-            f"{name} is {foreign or 'binary data'}, not CSV or Parquet",
+            f"{name} is {foreign or 'binary data'}, no log of a kind that is read",
             Where(file=name),
-            "export it as one of them",
+            "export it as CSV or Parquet",
         )
     return fitting[0]
