@@ -89,7 +89,7 @@ def test_every_effect_is_tried_or_said_not_to_be():
     solved = solved_of(pendulum())
     tried = candidates(solved)
     keys = set(tried.groups) | set(tried.excluded)
-    for effect in (effect for effect in catalogue().values() if not effect.base and effect.periodic is None):
+    for effect in (e for e in catalogue().values() if not (e.base or e.is_free) and e.periodic is None):
         assert {(effect.name, owner) for owner in ((None,) if effect.scope is Scope.ARM else (1, 2))} <= keys
     assert tried.groups["thermal_friction", 1]  # of temperatures that no log has
     assert "thermal_friction" not in {trial.added.effect.name for trial in score_candidates(solved, tried).trials}
