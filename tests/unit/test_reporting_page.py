@@ -135,13 +135,16 @@ def test_stale_and_clean_diagnoses_say_so(context):
 
 
 def test_history_is_shown_where_there_are_several_models(tmp_path, context):
-    """With several models the page has the section, its figure and tables; with one it has none."""
+    """With several models the page has the section, its first screen what each step did; with one neither."""
     path = experiment(tmp_path / "results")
     several = replace(context, ladder=ladder_of(path))
-    html = words_of(several, "history")
-    assert 'id="history"' in html and "figure-ladder" in html and "+ stribeck@1" in html
+    html, first = words_of(several, "history"), section(words_of(several, "summary"), "summary")
+    assert 'id="history"' in html and "+ stribeck@1" in html
+    # Of 300 samples and 100 with twice the error, sqrt(1.75) times that of joint 1.
+    steps = "(+ stribeck@1, + ripple@2) took the arm's RMSE of fitted runs from 0.0397 A to 0.0146 A"
+    assert "figure-ladder" in first and steps in " ".join(first.split())
     alone = replace(several, ladder=replace(several.ladder, rungs=several.ladder.rungs[:1]))
-    assert 'id="history"' not in words_of(alone, "history")
+    assert 'id="history"' not in words_of(alone, "history") and "figure-ladder" not in words_of(alone, "summary")
     assert ladder_of(tmp_path / "model.json") is None and ladder_of(Path("-")) is None
 
 

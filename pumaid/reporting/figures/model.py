@@ -181,7 +181,8 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
     values = np.array([list(rung.whole.values()) for rung in path], dtype=float).T
     fitted, heldout, floor = np.column_stack([values, values[:, -1]])
     axes.step(edges, fitted, where="post", color=FORWARD, linewidth=2.4, label="fitted runs")
-    axes.step(edges, heldout, "--", where="post", color=BACKWARD, linewidth=2.4, label="held-out runs")
+    if np.isfinite(heldout).any():
+        axes.step(edges, heldout, "--", where="post", color=BACKWARD, linewidth=2.4, label="held-out runs")
     if np.isfinite(floor).any():
         axes.fill_between(
             edges, 0.0, floor, step="post", label="noise floor", color=GREY, alpha=0.28, linewidth=0, zorder=0

@@ -4,6 +4,7 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
@@ -19,6 +20,7 @@ from pumaid.reporting.figures.model import ReportContext
 from pumaid.reporting.figures.style import DARK, INLINE, Drawing
 from pumaid.reporting.run_tables import axes_table, rejection_table, runs_by_joint_table
 from pumaid.reporting.table import Table, environment
+from pumaid.results.history import Rung
 
 __all__ = ["ReportContext", "Section", "all_contents", "all_figures", "page", "report_files"]
 
@@ -67,15 +69,30 @@ class Section:
 
 def summary(context: ReportContext) -> Content:
     """The page's first screen."""
-    scores = context.comparison.joints
+    scores, path = context.comparison.joints, context.ladder.path if context.ladder else ()
     return {
         "sentences": [
             *([text.headline(context.diagnosis, context.robot)] if context.diagnosis else []),
+            *([progress(path)] if len(path) > 1 else []),
             *text.summary_sentences(context.dataset, context.estimate),
         ],
         "joints": [text.joint_sentence(score, context.robot) for score in scores],
         "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
+        "steps": model.history_figure(context.ladder, width=5.4) if context.ladder and len(path) > 1 else None,
     }
+
+
+def progress(path: Sequence[Rung]) -> str:
+    """What the steps from the first model to the current one did to the arm's error."""
+    first, last = path[0].whole, path[-1].whole
+    words = [word for before, rung in pairwise(path) for word in text.changes(rung) if rung.parent == before.number]
+    falls = [
+        f"of {runs} runs from {text.amperes(first[name])} to {text.amperes(last[name])}"
+        for runs, name in (("fitted", "rmse"), ("held-out", "heldout"))
+        if first[name] is not None and last[name] is not None
+    ]
+    floor = "" if last["noise_floor"] is None else f" (noise floor {text.amperes(last['noise_floor'])})"
+    return f"Steps since the first model ({', '.join(words)}) took the arm's RMSE {text.listed(falls)}{floor}."
 
 
 def arm(context: ReportContext) -> Content:
@@ -154,10 +171,7 @@ def history(context: ReportContext) -> Content | None:
     ladder = context.ladder
     if ladder is None or len(ladder.rungs) < 2:
         return None
-    return {
-        "steps": model.history_figure(ladder, width=model.PAGE_WIDTH) if len(ladder.path) > 1 else None,
-        "tables": [tables.history_table(ladder), tables.history_joint_table(ladder)],
-    }
+    return {"tables": [tables.history_table(ladder), tables.history_joint_table(ladder)]}
 
 
 def limits(context: ReportContext) -> Content:
