@@ -1,13 +1,12 @@
 """Recordings of ROS 1 and 2 give what the same samples give as CSV, whatever the order of joints, topics and bytes."""
 
-import shutil
 import sqlite3
 import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
+from pendulum_sample import numbers, robot
 
 import pumaid
 from pumaid.dataset import Log
@@ -20,7 +19,6 @@ rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="bags are read by rosbag
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 
-ARM = Path(__file__).parents[2] / "sample_logs" / "pendulum"
 #: In other orders than the recipe's.
 JOINTS = ["knee", "gripper", "hip"]
 LOG = """
@@ -71,13 +69,6 @@ def write(folder, kind, messages, **options):
     return path
 
 
-def robot(folder, log=LOG):
-    """The pendulum with this block in its recipe."""
-    recipe = folder / "recipe.yaml"
-    recipe.write_text((ARM / "recipe.yaml").read_text(encoding="utf-8") + log, encoding="utf-8")
-    return pumaid.read_recipe(recipe)
-
-
 def read(path, arm):
     """All samples of a recording, and the notes on it."""
     (file,) = expand([path])
@@ -92,21 +83,6 @@ def motion(times, joints=("hip", "knee")):
     ]
 
 
-def numbers(result):
-    """Every identified value."""
-    values = {name: result[name].value for name in result.record.names}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-@pytest.fixture(scope="module")
-def from_csv(tmp_path_factory):
-    """The sample's table, and what is identified from it as CSV (without the plan beside it)."""
-    folder = tmp_path_factory.mktemp("csv")
-    shutil.copy(ARM / "logs" / "session_01.csv", folder)
-    shutil.copy(ARM / "recipe.yaml", folder)
-    return pd.read_csv(folder / "session_01.csv"), pumaid.identify(folder)
-
-
 @pytest.mark.parametrize("kind", ["db3", "mcap", "bag"])
 def test_a_bag_gives_what_its_csv_gives(tmp_path, kind, from_csv):
     """Every message has its joints in an order of its own, and beside them there are a gripper and another topic."""
@@ -118,7 +94,7 @@ def test_a_bag_gives_what_its_csv_gives(tmp_path, kind, from_csv):
         order = rng.permutation(3)
         messages.append(message("/joint_states", t, [(JOINTS[k], values[k], None, values[3 + k]) for k in order]))
     path = write(tmp_path, kind, messages)
-    robot(tmp_path)
+    robot(tmp_path, LOG)
     result = pumaid.identify(path, recipe=tmp_path / "recipe.yaml")
     assert len(result.dataset.runs) == len(expected.dataset.runs) > 20
     assert numbers(result) == pytest.approx(numbers(expected), rel=1e-9, abs=1e-12)
@@ -149,7 +125,7 @@ def test_bytes_and_stamps_of_any_kind(tmp_path):
     """Numbers with the first byte first, frames whose names change, and messages without a stamp."""
     times = np.arange(50) * 0.01 + 5.0
     messages = [(*content[:4], "x" * (k % 7), False) for k, content in enumerate(motion(times))]
-    log, _ = read(write(tmp_path, "db3", messages, little_endian=False), robot(tmp_path))
+    log, _ = read(write(tmp_path, "db3", messages, little_endian=False), robot(tmp_path, LOG))
     assert log.time == pytest.approx(times, abs=1e-9)
     assert log.position == pytest.approx(np.outer(times, [1.0, 2.0]), abs=1e-12)
     assert log.current == pytest.approx(np.column_stack([times, times - 1.0]), abs=1e-12)
@@ -159,7 +135,7 @@ def test_bytes_and_stamps_of_any_kind(tmp_path):
 def test_a_damaged_recording_is_refused(tmp_path, kind):
     """Cut anywhere, or with a byte of its index or of a message altered: one message, with a mend, or the numbers."""
     path = next(iter(expand([write(tmp_path, kind, motion(np.arange(300) * 0.01))])))
-    arm, whole, rng = robot(tmp_path), Path(path).read_bytes(), np.random.default_rng(5)
+    arm, whole, rng = robot(tmp_path, LOG), Path(path).read_bytes(), np.random.default_rng(5)
     place = tmp_path / "a # b?"  # as an address would not have it
     cuts = [whole[: int(share * len(whole))] for share in (0.02, 0.3, 0.7, 0.99)]
     altered = [whole[:at] + bytes([whole[at] ^ 255]) + whole[at + 1 :] for at in rng.integers(20, len(whole), 60)]
@@ -182,11 +158,11 @@ def test_what_is_no_recording_of_joints_is_refused(tmp_path, monkeypatch):
     connection.execute("create table a (b)")
     connection.close()
     with pytest.raises(LogError, match="missing tables"):
-        read(tmp_path / "other.db3", robot(tmp_path))
+        read(tmp_path / "other.db3", robot(tmp_path, LOG))
     bag = write(tmp_path, "bag", [])
     with pytest.raises(LogError, match="sensor_msgs/msg/JointState"):
-        read(bag, robot(tmp_path))
+        read(bag, robot(tmp_path, LOG))
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(LogError) as caught:
-        read(bag, robot(tmp_path))
+        read(bag, robot(tmp_path, LOG))
     assert caught.value.mend == "pip install 'pumaid[ros]'"

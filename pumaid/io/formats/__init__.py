@@ -16,6 +16,8 @@ from pumaid.maths import Counts, Floats
 
 #: Bytes of a file's beginning by which its format is recognised.
 HEAD_BYTES = 1 << 16
+#: First bytes of what gzip packed.
+GZIP = b"\x1f\x8b"
 #: First bytes of what is read by no format, and what it is.
 _FOREIGN = {
     b"PK\x03\x04": "a spreadsheet or zip archive",
@@ -73,6 +75,22 @@ class LogSource(ABC):
     def __init__(self, path: Path, name: str) -> None:
         self.path, self.name = path, name
         self.notes: list[Note] = []
+
+    @contextmanager
+    def unpacked(self) -> Iterator[Any]:
+        """The bytes of a text file, which gzip may have packed.
+
+        Raises
+        ------
+        LogError [file-not-readable]
+            It is cut off, or cannot be read.
+        """
+        import pyarrow as pa
+
+        with self.path.open("rb") as stream, refusing(self.name, (pa.ArrowException, OSError, EOFError)):
+            is_packed = stream.read(len(GZIP)) == GZIP
+            stream.seek(0)
+            yield pa.input_stream(stream, compression="gzip" if is_packed else None)
 
     @classmethod
     @abstractmethod

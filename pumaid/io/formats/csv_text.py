@@ -6,13 +6,12 @@ import io
 import math
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from pumaid.errors import LogError, Note, Where
-from pumaid.io.formats import HEAD_BYTES, Batch, LogColumn, LogSource, floats, refusing
+from pumaid.io.formats import GZIP, HEAD_BYTES, Batch, LogColumn, LogSource, floats
 from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
@@ -29,7 +28,6 @@ _SPACES = " "
 _COMMENT = ("#", "%")
 #: What begins lines that are no header; Excel keeps the delimiter in one.
 _PREAMBLE = (*_COMMENT, "sep=", '"sep=')
-_GZIP = b"\x1f\x8b"
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
@@ -100,7 +98,7 @@ class CsvLog(LogSource):
     @classmethod
     def sniff(cls, head: bytes) -> bool:
         """Text holds no zero bytes, unless it is UTF-16; what gzip holds is looked at when it is read."""
-        return head.startswith((_GZIP, *_UTF_16)) or b"\0" not in head
+        return head.startswith((GZIP, *_UTF_16)) or b"\0" not in head
 
     def schema(self) -> Sequence[LogColumn]:
         """The names of the header line.
@@ -110,7 +108,7 @@ class CsvLog(LogSource):
         LogError [not-a-log]
             There is no line of names above the numbers, or it is no text.
         """
-        with self._opened() as stream:
+        with self.unpacked() as stream:
             head = stream.read(_MOST_HEAD)
         self._encoding = "utf-16" if head.startswith(_UTF_16) else "utf-8-sig"
         if b"\0" in head[:HEAD_BYTES] and self._encoding != "utf-16":
@@ -148,16 +146,6 @@ class CsvLog(LogSource):
                 yield Batch(rows, values[:, is_filled])
         self._judge(last_row)
 
-    @contextmanager
-    def _opened(self) -> Iterator[Any]:
-        """The bytes, unpacked."""
-        import pyarrow as pa
-
-        with self.path.open("rb") as stream, refusing(self.name, (pa.ArrowException, OSError, EOFError)):
-            is_packed = stream.read(2) == _GZIP
-            stream.seek(0)
-            yield pa.input_stream(stream, compression="gzip" if is_packed else None)
-
     def _parsed(self, indices: Sequence[int]) -> Iterator[Floats]:
         """(C, N) values of the columns, block by block."""
         import pyarrow as pa
@@ -192,7 +180,7 @@ class CsvLog(LogSource):
                 check_utf8=False,
             ),
         )
-        with self._opened() as stream:
+        with self.unpacked() as stream:
             if self._encoding == "utf-16":
                 stream = pa.transcoding_input_stream(stream, "utf-16", "utf-8")
             if dialect.delimiter == _SPACES:

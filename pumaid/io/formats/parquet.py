@@ -2,16 +2,16 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
-from pumaid.errors import LogError, Where
-from pumaid.io.formats import Batch, LogColumn, LogSource, floats, refusing
-from pumaid.maths import Floats
+from pumaid.io.formats import Batch, LogColumn, LogSource, refusing
+from pumaid.io.formats.nested import leaves, log_column, table
 
 #: Rows decoded at a time, and bytes that the reader of one column holds (else its whole chunk would be in memory).
 _BATCH_ROWS, _BUFFER_BYTES = 65536, 1 << 18
+#: Rows by which it is told how long lists are, and which joints they name.
+_PROBE_ROWS = 100
 
 
 class ParquetLog(LogSource):
@@ -25,7 +25,7 @@ class ParquetLog(LogSource):
         return head.startswith(b"PAR1")
 
     def schema(self) -> Sequence[LogColumn]:
-        """The names; time stamps and durations have a unit of their own."""
+        """The names; of lists and structs those of their elements in the first rows."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -36,41 +36,28 @@ class ParquetLog(LogSource):
                 pre_buffer=False,
                 page_checksum_verification=True,  # of pages that have a checksum
             )
-        return [
-            LogColumn(field.name, field.type.unit if _is_time(pa, field.type) else "")
-            for field in self._file.schema_arrow
-        ]
+            fields = self._file.schema_arrow
+            nested = [field.name for field in fields if pa.types.is_nested(field.type)]
+            batches = self._file.iter_batches(_PROBE_ROWS, columns=nested, use_threads=False) if nested else iter(())
+            head = next(batches, None)
+        flat = [log_column(field.name, field.type) for field in fields if field.name not in nested]
+        inner = [*leaves({name: head.column(name) for name in nested})] if head is not None else []
+        self._keys = {name: keys for name, keys, _ in inner} | {column.name: (column.name,) for column in flat}
+        return [*flat, *(log_column(name, values.type) for name, _, values in inner)]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`."""
         import pyarrow as pa
 
         first = 2
-        batches = self._file.iter_batches(_BATCH_ROWS, columns=list(dict.fromkeys(names)), use_threads=False)
+        columns = list(dict.fromkeys(key for name in names for key in self._keys[name]))
+        batches = self._file.iter_batches(_BATCH_ROWS, columns=columns, use_threads=False)
         while True:
             with refusing(self.name, (pa.ArrowException, OSError)):
                 batch = next(batches, None)
             if batch is None:
                 return
-            values = np.empty((len(names), batch.num_rows))
-            for row, name in zip(values, names, strict=True):
-                row[:] = self._numbers(batch.column(name), name)
-            yield Batch(first + np.arange(batch.num_rows), values)
+            yield Batch(
+                first + np.arange(batch.num_rows), table({key: batch.column(key) for key in columns}, names, self.name)
+            )
             first += batch.num_rows
-
-    def _numbers(self, column: Any, name: str) -> Floats:
-        import pyarrow as pa
-
-        if _is_time(pa, column.type):
-            column = column.view(pa.int64())
-        try:
-            return floats(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            what = f"column {name} holds {column.type}, not numbers: {str(error).splitlines()[0][:100]}"
-            raise LogError(
-                "not-a-number", what, Where(file=self.name, column=name), "write it as numbers, a column for each joint"
-            ) from error
-
-
-def _is_time(pa: Any, kind: Any) -> bool:
-    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))

@@ -1,0 +1,101 @@
+"""Logs in lines of JSON, an object a sample, read by Arrow in blocks, so that memory does not grow with the file."""
+
+import json
+import re
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from pumaid.errors import LogError, Note, Where
+from pumaid.io.formats import Batch, LogColumn, LogSource
+from pumaid.io.formats.nested import leaves, log_column, table
+
+#: Bytes that are parsed at a time; no line is longer.
+_BLOCK_BYTES = 4 << 20
+#: Lists and objects in each other at most: thousands would end Arrow's parser, and with it the program.
+_DEEPEST = 64
+_ROW = re.compile(r" in row (\d+)")
+_MEND = "write an object on each line, its keys with values of the same kind on all of them"
+
+
+class JsonLog(LogSource):
+    """Lines of JSON; fields of objects and elements of lists are columns, and gzipped files are read, too."""
+
+    endings = (".jsonl", ".jsonl.gz")
+
+    @classmethod
+    def sniff(cls, head: bytes) -> bool:
+        """By a first line that is an object, or by its beginning where it is longer."""
+        with suppress(zlib.error):  # not packed
+            head = zlib.decompressobj(wbits=31).decompress(head, len(head))
+        line, end, _ = head.removeprefix(b"\xef\xbb\xbf").lstrip().partition(b"\n")
+        return line.startswith(b"{") and b"\0" not in line and (line.rstrip().endswith(b"}") or not end)
+
+    def schema(self) -> Sequence[LogColumn]:
+        """The keys of the first lines."""
+        _, columns = next(self._blocks(), ((), {}))
+        return [log_column(name, values.type) for name, _, values in leaves(columns)]
+
+    def batches(self, names: Sequence[str]) -> Iterator[Batch]:
+        """As `LogSource`; a last line that is cut off is left out.
+
+        Raises
+        ------
+        LogError [not-a-log, not-a-number]
+            A line is no object, or a key does not have the same kind of value everywhere.
+        """
+        for rows, columns in self._blocks():
+            yield Batch(np.array(rows), table(columns, names, self.name))
+
+    def _blocks(self) -> Iterator[tuple[Sequence[int], dict[str, Any]]]:
+        """Numbers of lines, and their values by key, block by block."""
+        first, rest = 1, b""
+        with self.unpacked() as stream:
+            while block := bytes(stream.read(_BLOCK_BYTES)):
+                text, end, rest = (rest + block).rpartition(b"\n")
+                if len(rest) > _BLOCK_BYTES:
+                    what = f"a line of {self.name} has more than {_BLOCK_BYTES >> 20} MB"
+                    raise LogError("not-a-log", what, Where(file=self.name, row=first), _MEND)
+                lines = text.split(b"\n") if end else []
+                yield from self._parsed(first, lines)
+                first += len(lines)
+        try:
+            json.loads(rest or b"0")
+        except ValueError:
+            cut = f"row {first} is cut off (recording stopped) and is left out"
+            self.notes = [Note("bad-samples", cut, Where(file=self.name, row=first))]
+        else:
+            yield from self._parsed(first, [rest])
+
+    def _parsed(self, first: int, lines: Sequence[bytes]) -> Iterator[tuple[Sequence[int], dict[str, Any]]]:
+        import pyarrow as pa
+        from pyarrow import json as arrow_json
+
+        filled = [(row, line) for row, line in enumerate(lines, start=first) if line.strip(b"\r \t\xef\xbb\xbf")]
+        if not filled:
+            return
+        for row, line in filled:
+            if line.count(b"[") + line.count(b"{") > _DEEPEST and _depth(line) > _DEEPEST:
+                what = f"line {row} of {self.name} has lists or objects {_DEEPEST} deep in each other"
+                raise LogError("not-a-log", what, Where(file=self.name, row=row), _MEND)
+        text = b"\n".join(line for _, line in filled).removeprefix(b"\xef\xbb\xbf")
+        options = arrow_json.ReadOptions(use_threads=False, block_size=len(text) + 1)
+        try:
+            read = arrow_json.read_json(pa.BufferReader(text), options)
+        except pa.ArrowInvalid as error:
+            match = _ROW.search(str(error))
+            row = filled[int(match[1])][0] if match and int(match[1]) < len(filled) else first
+            what = f"line {row} of {self.name} is no sample: {str(error).splitlines()[0][:150]}"
+            raise LogError("not-a-log", what, Where(file=self.name, row=row), _MEND) from error
+        columns = {name: read.column(name).combine_chunks() for name in read.column_names}
+        yield [row for row, _ in filled], columns
+
+
+def _depth(line: bytes) -> int:
+    """How deep lists and objects stand in each other, those in texts among them."""
+    letters = np.frombuffer(line, dtype=np.uint8)
+    steps = np.isin(letters, list(b"[{")).astype(int) - np.isin(letters, list(b"]}"))
+    return int(np.cumsum(steps).max())

@@ -1,0 +1,130 @@
+"""Columns that hold lists and structs, as columns of numbers: elements by their number, fields and joints by name."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pumaid.errors import LogError, Where
+from pumaid.io.formats import LogColumn, floats
+from pumaid.maths import Counts, Floats
+
+#: Arrays that have a column a joint, counted from 1, in a log that needs no `log` block.
+_CANONICAL = ("q", "qd", "i", "temp")
+#: Of longer lists (images) nothing becomes a column.
+MOST_ELEMENTS = 64
+#: The list by which the other lists beside it are told apart, as in a joint state of ROS.
+_NAMES = "name"
+
+
+def element(name: str, index: int) -> str:
+    """The column of an element (from 0) of an array: ``action[0]``, but ``q1`` of the array ``q``."""
+    return f"{name}{index + 1}" if name in _CANONICAL else f"{name}[{index}]"
+
+
+def leaves(columns: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, tuple[str, ...], Any]]:
+    """Columns without nesting: the name, the keys in `columns` (N rows each) that hold it, and (N,) values.
+
+    A field is called ``path.key``, an element of a list ``path[0]``; beside a list of texts that is called ``name``,
+    element and name belong together whatever their order: ``path/elbow/effort``.
+    """
+    import pyarrow as pa
+
+    names = columns.get(_NAMES)
+    has_names = names is not None and _is_list(names.type) and pa.types.is_string(names.type.value_type)
+    for key, column in columns.items():
+        if has_names and _is_list(column.type):
+            for joint, places in _places_by_name(names) if key != _NAMES else ():
+                yield "/".join(filter(None, (path, joint, key))), (_NAMES, key), _elements(column, places)
+        else:
+            yield from ((name, (key,), values) for name, values in _inner(".".join(filter(None, (path, key))), column))
+
+
+def table(columns: Mapping[str, Any], names: Sequence[str], file: str) -> Floats:
+    """(C, N) numbers of the named columns (leaves) of some columns with N rows, NaN where there are none.
+
+    Raises
+    ------
+    LogError [not-a-number]
+        A column holds something else.
+    """
+    inner = {name: values for name, _, values in leaves(columns)}
+    values = np.full((len(names), len(next(iter(columns.values())))), np.nan)
+    for row, name in zip(values, names, strict=True):
+        if name in inner:
+            row[:] = _numbers(inner[name], name, file)
+    return values
+
+
+def _numbers(column: Any, name: str, file: str) -> Floats:
+    """(N,) float64 of an Arrow column; time stamps and durations in their unit."""
+    import pyarrow as pa
+
+    if log_column(name, column.type).unit:
+        column = column.view(pa.int64())
+    try:
+        return floats(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        what = f"column {name} holds {column.type}, not numbers: {str(error).splitlines()[0][:100]}"
+        mend = "write it as numbers, a column for each joint"
+        raise LogError("not-a-number", what, Where(file=file, column=name), mend) from error
+
+
+def log_column(name: str, kind: Any) -> LogColumn:
+    """The column of this Arrow type; time stamps and durations have a unit of their own."""
+    import pyarrow as pa
+
+    return LogColumn(name, kind.unit if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) else "")
+
+
+def _inner(path: str, column: Any) -> Iterator[tuple[str, Any]]:
+    import pyarrow as pa
+
+    if pa.types.is_struct(column.type):
+        fields = dict(zip((field.name for field in column.type), column.flatten(), strict=True))
+        yield from ((name, values) for name, _, values in leaves(fields, path))
+    elif _is_list(column.type):
+        longest = int(_sizes(column).max(initial=0))
+        for index in range(longest if longest <= MOST_ELEMENTS else 0):
+            yield from _inner(element(path, index), _elements(column, np.full(len(column), index)))
+    else:
+        yield path, column
+
+
+def _is_list(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+
+
+def _sizes(column: Any) -> Counts:
+    """(N,) lengths of lists; 0 where there is none."""
+    import pyarrow.compute as pc
+
+    return np.array(pc.fill_null(pc.list_value_length(column), 0), dtype=np.int64)
+
+
+def _elements(column: Any, places: Counts) -> Any:
+    """(N,) element of each list at (N,) places, null where the list has none there."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    sizes = _sizes(column)
+    return pc.list_flatten(column).take(
+        pa.array(np.cumsum(sizes) - sizes + places, mask=(places < 0) | (places >= sizes))
+    )
+
+
+def _places_by_name(names: Any) -> Iterator[tuple[str, Counts]]:
+    """Each name in (N,) lists of names, and (N,) its place in them, -1 where it is not there."""
+    import pyarrow.compute as pc
+
+    sizes = _sizes(names)
+    encoded = pc.list_flatten(names).dictionary_encode()
+    codes = np.array(pc.fill_null(encoded.indices, -1))
+    rows = np.repeat(np.arange(len(names)), sizes)
+    indices = np.arange(len(codes)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    for code, name in enumerate(encoded.dictionary.to_pylist()[:MOST_ELEMENTS]):
+        places, is_it = np.full(len(names), -1), codes == code
+        places[rows[is_it]] = indices[is_it]
+        yield name, places
