@@ -11,21 +11,31 @@ from typing import Any, cast
 from pumaid.robot import QUANTITIES, Conversion, LogFormat, Robot
 from pumaid.units import UNITS
 
-#: Words by which a column's name tells what it holds, strongest first. Compared with the name's words in lower case.
+#: Words by which a column's name tells what it holds, strongest first: in English and as ROS and servos say, then in
+#: German, French, Spanish, Chinese and Japanese. Compared with the name's words in lower case, and with their ends.
 _WORDS = {
-    "velocity": ("velocity", "vel", "qd", "dq", "speed", "omega", "qdot"),
-    "current": ("current", "cur", "curr", "i", "iq", "amp", "amps"),
-    "temperature": ("temperature", "temp", "temperatures"),
-    "position": ("position", "pos", "q", "angle", "theta", "positions"),
+    "velocity": "velocity vel velocities qd dq speed omega qdot dot geschwindigkeit drehzahl vitesse velocidad"
+    " 速度 转速 回転数",
+    "current": "current cur curr i iq amp amps currents strom courant corriente 电流 電流",
+    "torque": "effort load tau torque efforts loads torques drehmoment moment couple par 力矩 扭矩 转矩 トルク",
+    "temperature": "temperature temp temperatures temperatur température temperatura 温度",
+    "position": "position pos q angle theta positions angles winkel stellung posición posicion ángulo angulo"
+    " 位置 角度 关节角",
+    "time": "t time timestamp seconds sec secs s clock stamp zeit zeitstempel temps tiempo 时间 時間 时刻 時刻",
+    "fraction": "nanosec nsec nsecs nanosecs nanoseconds usec usecs microsec microseconds msec millisec milliseconds",
 }
-_TIME = ("t", "time", "timestamp", "time_s", "seconds", "sec", "clock", "stamp")
-#: Units that words of a name tell.
+_KNOWN = {what: words.split() for what, words in _WORDS.items()}
+#: Units that a name tells, by quantity; none of them stands inside a word.
 _UNIT_WORDS = {
-    "time": {"ms": "ms", "msec": "ms", "us": "us", "ns": "ns", "millis": "ms", "nanosec": "ns"},
-    "position": {"deg": "deg", "degree": "deg", "degrees": "deg"},
-    "velocity": {"deg": "deg/s", "degree": "deg/s", "degrees": "deg/s"},
-    "current": {"mA": "mA"},
+    "time": {"ms": "ms|msec|millis", "us": "us|µs|usec|micros", "ns": "ns|nsec|nanos|nanosec"},
+    "position": {"deg": "deg|degrees?|°|度", "tick": "ticks?"},
+    "velocity": {"deg/s": "deg|degrees?|°|度", "rpm": "rpm|U/min|1/min", "tick/s": "ticks?"},
+    "current": {"mA": "mA", "Nm": "N[ _·*]?m", "percent": "%|percent", "permille": "‰|permille"},
 }
+#: Words for a second, and words for what may be a current, a torque or a share of it.
+_SECONDS, _SHARES = ("s", "sec", "secs", "seconds"), ("effort", "efforts", "load", "loads")
+#: What a torque costs against a current, and a second quantity in a name; how much better than its rivals is sure.
+_TORQUE, _ANOTHER, _SURE = 3.0, 5.0, 2.0
 #: s, by how words for thousandths and millionths of one begin.
 _FRACTIONS = {"mse": 1e-3, "mil": 1e-3, "use": 1e-6, "mic": 1e-6}
 #: Wanted, not measured: never proposed while a measured column is there.
@@ -58,30 +68,63 @@ def log_block(log: LogFormat) -> str:
 
 def paste_block(header: Sequence[str], robot: Robot) -> str | None:
     """A recipe's `log` block that reads this header, or none if time, positions or currents are not recognised."""
-    log = guessed(header, robot)
+    log, _ = guessed(header, robot)
     return log_block(log) if log else None
 
 
-def guessed(header: Sequence[str], robot: Robot) -> LogFormat | None:
-    """How a log with this header is written, or none if time, positions or currents are not recognised."""
-    exact = [name for word in _TIME for name in header if name.lower() == word]
-    times = exact + [name for name in header if set(_words(name)) & set(_TIME)]
-    templates = _templates(header, robot)
-    chosen = {}
+def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool]:
+    """How a log with this header is written, and whether without doubt.
+
+    None if time, positions or currents are not recognised. Units that the recipe states hold.
+    """
+    names = robot.log.names or tuple(joint.name for joint in robot.joints)
+    templates, chosen, is_sure = _templates(header, names), dict[str, str](), True
     for quantity in QUANTITIES:
         scores = {template: _score(template, quantity) - beyond for template, beyond in templates.items()}
-        if max(scores.values(), default=-math.inf) > -math.inf:
-            chosen[quantity] = max(scores, key=lambda template: scores[template])
+        best = max(scores, key=lambda template: scores[template], default="")
+        if scores.get(best, -math.inf) == -math.inf:
+            continue
+        chosen[quantity], by_name = best, "{name}" in best
+        rivals = [score for other, score in scores.items() if other != best and ("{name}" in other) == by_name]
+        if quantity in ("position", "current"):  # a velocity is checked, and spared
+            is_sure &= not templates[best] and max(rivals, default=-math.inf) < scores[best] - _SURE
+    times, is_one = _times(header, chosen.get("position", ""))
     if not times or "position" not in chosen or "current" not in chosen:
-        return None
-    units = {
-        quantity: unit
-        for quantity, template in {"time": times[0], **chosen}.items()
-        for word, unit in _UNIT_WORDS.get(quantity, {}).items()
-        if word in {*_words(template), *re.findall(r"(?<![A-Za-z])mA(?![A-Za-z])", template)}
-    }
-    names = robot.log.names or tuple(joint.name for joint in robot.joints)
-    return replace(LogFormat(times[0], units=units, names=names), **cast(Any, chosen))
+        return None, False
+    usual = {"time": "s", "position": "rad", "velocity": "rad/s", "current": "A"}
+    units = {key: unit for key, name in {"time": times[0], **chosen}.items() if (unit := _unit(name, key))}
+    if not {*_words(chosen["current"])} & {*_KNOWN["current"], *_SHARES}:
+        units.setdefault("current", "Nm")
+    if "position" in units:
+        units.setdefault("velocity", f"{units['position']}/s")
+    units = {key: word for key, word in units.items() if robot.log.units.get(key, usual[key]) == usual[key]}
+    log = LogFormat(times[0], units={**robot.log.units, **units}, names=names, signs=robot.log.signs)
+    return replace(log, fraction="".join(times[1:]), **cast(Any, chosen)), is_sure and is_one
+
+
+def _times(header: Sequence[str], position: str) -> tuple[list[str], bool]:
+    """The column of the time, or that of its seconds and that of their fractions; and whether there is no other."""
+    words = {name: _words(name) for name in header}
+    pairs = [
+        [name, other]
+        for name in header
+        if words[name] and words[name][-1] in _SECONDS
+        for other in header
+        if words[other][:-1] == words[name][:-1] and words[other] and words[other][-1] in _KNOWN["fraction"]
+    ]
+    pairs.sort(key=lambda pair: -sum(a == b for a, b in zip(pair[0], position, strict=False)))
+    bare = {name: [word for word in words[name] if word not in _SECONDS and not _unit(word, "time")] for name in header}
+    single = [name for word in _KNOWN["time"] for name in header if (bare[name] or words[name]) == [word]]
+    single = [name for name in single if name not in (pair[0] for pair in pairs)]
+    more = [name for name in header if {*words[name]} & {*_KNOWN["time"]} - {*_SECONDS}]
+    candidates = [*([name] for name in single), *pairs, *([name] for name in more)]
+    return (candidates or [[]])[0], bool(single or pairs or len(more) == 1)
+
+
+def _unit(name: str, quantity: str) -> str:
+    """The unit of a quantity that a name tells, if any."""
+    units = _UNIT_WORDS.get(quantity, {}).items()
+    return next((unit for unit, words in units if re.search(rf"(?<![^\W\d_])({words})(?![^\W\d_])", _bare(name))), "")
 
 
 def fraction_of_second(name: str) -> float:
@@ -99,34 +142,59 @@ def _yaml(value: object) -> str:
     return f"{value:.10g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
+def has_foreign_words(text: str) -> bool:
+    """Whether a text holds words for columns in letters that are not ASCII."""
+    return any(word in text.lower() for words in _KNOWN.values() for word in words if not word.isascii())
+
+
 def _words(name: str) -> list[str]:
     """The lower-case words of a name: ``motorPos_rad[3]`` gives motor, pos, rad."""
-    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\{\w+\}", " ", name))
-    return [word for word in re.split(r"[^a-z]+", apart.lower()) if word]
+    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", _bare(name))
+    return [word for word in re.split(r"[\W\d_]+", apart.lower()) if word]
 
 
-def _templates(header: Sequence[str], robot: Robot) -> dict[str, bool]:
+def _bare(name: str) -> str:
+    """A name without joints, and with spaces between Chinese or Japanese and Latin letters."""
+    return re.sub(r"\{\w+(?::\w+)?\}|(?<=[\u3040-\u9fff])(?=[A-Za-z])|(?<=[A-Za-z])(?=[\u3040-\u9fff])", " ", name)
+
+
+def _meaning(name: str) -> dict[str, int]:
+    """What the words of a name speak of, the first the strongest, and the place of the word among those for it."""
+    words, out = _words(name), dict[str, int]()
+    for what, signs in _KNOWN.items():
+        places = [place for place, sign in enumerate(signs) if any(_is_like(word, sign) for word in words)]
+        out |= {what: places[0]} if places else {}
+    return out
+
+
+def _is_like(word: str, sign: str) -> bool:
+    """Whether a word of a name is this one, ends with it, or holds it in Chinese or Japanese."""
+    return word == sign or (len(sign) > 3 and word.endswith(sign)) or (not sign.isascii() and sign in word)
+
+
+def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, bool]:
     """Templates that name a column for every joint, and whether there is a column for one joint more."""
-    templates = {}
-    numbers = range(robot.n_joints + 1)
-    first_name = robot.joints[0].name
+    templates, columns = {}, {*header}
+    numbers = range(len(names) + 1)
     for name in header:
-        places = [(name[: match.start()], name[match.end() :]) for match in re.finditer(r"\d+", name)]
-        for (before, after), (key, first) in product(places, (("{joint}", 1), ("{joint0}", 0))):
-            *columns, beyond = [f"{before}{first + k}{after}" in header for k in numbers]
-            if all(columns):
-                templates[f"{before}{key}{after}"] = beyond
-        if first_name in name and all(name.replace(first_name, joint.name, 1) in header for joint in robot.joints):
-            templates[name.replace(first_name, "{name}", 1)] = False
+        places = [(name[: match.start()], match[0], name[match.end() :]) for match in re.finditer(r"\d+", name)]
+        for (before, digits, after), (key, first) in product(places, (("joint", 1), ("joint0", 0))):
+            width = ":02d" if digits[0] == "0" and len(digits) == 2 else ""
+            *joints, beyond = [f"{before}{first + k:{width[1:]}}{after}" in columns for k in numbers]
+            if all(joints):
+                templates[f"{before}{{{key}{width}}}{after}"] = beyond
+        if names[0] in name and all(name.replace(names[0], other, 1) in columns for other in names):
+            templates[name.replace(names[0], "{name}", 1)] = False
     return templates
 
 
 def _score(template: str, quantity: str) -> float:
-    """How well the words of a template speak of a quantity."""
-    words = _words(template)
-    hits = [_WORDS[quantity].index(word) for word in words if word in _WORDS[quantity]]
-    if not hits:
+    """How well the words of a template speak of a quantity; a torque stands for a current where there is none."""
+    words, meaning = _words(template), _meaning(template)
+    asked = {quantity, "torque"} & {*meaning} if quantity == "current" else {quantity} & {*meaning}
+    if not asked:
         return -math.inf
     # "TorqueCur" and "PositionCmptd" speak of two things: what other words say counts against.
-    score = 10.0 - 0.1 * min(hits) - len(words) - 5.0 * bool(_WANTED & set(words)) + 2.0 * bool(_MEASURED & set(words))
-    return score - 5.0 * any(word in _WORDS[other] for other in _WORDS if other != quantity for word in words)
+    score = 10.0 - 0.1 * min(meaning[what] for what in asked) - len(words) - _TORQUE * (quantity not in asked)
+    score += 2.0 * bool(_MEASURED & set(words)) - 5.0 * bool(_WANTED & set(words)) + 1.5 * ("{name}" in template)
+    return score - _ANOTHER * bool({*meaning} - {*asked, "time", "fraction"})

@@ -8,6 +8,7 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import fraction_of_second, paste_block
+from pumaid.io.column_names import fraction_of_second, guessed, log_block, paste_block
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
@@ -36,6 +37,8 @@ _ABSENCE = {
 ABSURD = 1e6
 #: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
 ABSURD_TIME = 1e11
+#: s since 1970, as which times are taken for dates: of this century.
+EPOCH = 9e8, 4e9
 #: A log with a larger share of bad rows is not one with faults but a faulty one.
 MAX_BAD = 0.05
 #: A jump is a wrap if what remains of it without the turn is within this share of a turn (or within the joint's speed).
@@ -65,6 +68,13 @@ _KINDS = {
         "check units and columns in the recipe's log block; where positions and currents stand in different rows, join"
         " them by time (pandas.merge_asof does it)",
     ),
+    "foreign": (
+        "rows-elsewhere",
+        "neither position, velocity nor current, as rows of other messages",
+        "they are passed over",
+        0.999,
+        "name the columns of the joints in the recipe's log block",
+    ),
     "repeated": ("bad-samples", "the time and values of the row before", "these rows are left out", 1.0, ""),
     "tied": (
         "bad-samples",
@@ -88,6 +98,8 @@ _KINDS = {
 class LogReader:
     """The samples of a log, in SI, as `Log` batches; after a pass over them `files` and `notes` tell what was read.
 
+    `robot` is then the one whose `log` was followed: that of the recipe, or what the names of the columns say.
+
     Parameters
     ----------
     path
@@ -104,7 +116,7 @@ class LogReader:
     """
 
     def __init__(self, path: LogPath, robot: Robot, *, extra: Sequence[str] = ()) -> None:
-        self._path, self._robot = path if is_remote(path) else Path(path), robot
+        self._path, self.robot = path if is_remote(path) else Path(path), robot
         self.extra = tuple(dict.fromkeys(extra))
         self.files: tuple[FileFacts, ...] = ()
         self.notes: tuple[Note, ...] = ()
@@ -117,8 +129,10 @@ class LogReader:
                 source = log_format(stream.read(HEAD_BYTES), name)(file, name)
                 stream.seek(0)
                 digest = hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
-            columns = Columns(source.schema(), self._robot, name, extra=self.extra)
-            cleaner = Cleaner(self._robot, columns, name)
+            schema = source.schema()
+            self.robot, naming = as_named(schema, self.robot)
+            columns = Columns(schema, self.robot, name, extra=self.extra)
+            cleaner = Cleaner(self.robot, columns, name)
             yield from filter(None, (cleaner.take(*batch) for batch in source.batches(columns.read)))
             after = file.stat()
         # Else the digest is of another content.
@@ -130,6 +144,7 @@ class LogReader:
                 "read it again when the recording has ended",
             )
         self.notes = (
+            *naming,
             *columns.notes,
             *cleaner.notes(),
             *source.notes,
@@ -166,7 +181,7 @@ class Columns:
         header = [column.name for column in schema]
         wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
         wanted["extra"] = list(extra)
-        refuse(_faults(header, robot, wanted, name))
+        refuse(_faults(schema, robot, wanted, name))
         log, unit = robot.log, schema[header.index(robot.log.time)].unit
         self.names, factors, zeros = [log.time], [factor(unit or log.units.get("time", "s"))], [0.0]
         self.fraction = (log.fraction, fraction_of_second(log.fraction)) if log.fraction else None
@@ -272,10 +287,24 @@ class Cleaner:
             table[k] = conversion.decoded(table[k])
         if columns.zeros.any():
             table -= columns.zeros[:, None]
+        self._count_in_fractions(table[0])
         table *= columns.factors[:, None]
         if columns.fraction:
             table[0] += columns.fraction[1] * fraction[0]
         return table
+
+    def _count_in_fractions(self, times: Floats) -> None:
+        """Where times can only count thousandths or less of a second since 1970, say so; once, at the beginning."""
+        first = times[np.isfinite(times)][:1] * self.columns.factors[0]
+        if self.n_rows or not len(first) or abs(first[0]) < ABSURD_TIME:
+            return
+        for unit in ("ms", "us", "ns"):
+            if EPOCH[0] < first[0] * factor(unit) < EPOCH[1]:
+                self.columns.factors[0] *= factor(unit)
+                text = f"times are {unit} since 1970: no other unit gives a date"
+                self.columns.notes.append(
+                    Note("columns-named", text, Where(file=self.name, column=self.columns.names[0]))
+                )
 
     def _mark(self, kind: str, rows: Counts, faulty: Mapping[str, Flags]) -> Flags:
         """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
@@ -296,6 +325,11 @@ class Cleaner:
             return rows, table
         places, names = self.columns.places, self.columns.names
         is_absent = np.isnan(table)
+        measured = np.concatenate([places[quantity][:, 1] for quantity in ("position", "velocity", "current")])
+        is_foreign = is_absent[measured].all(axis=0)
+        if is_foreign.any():
+            self._mark("foreign", rows, {names[0]: is_foreign})
+            rows, table, is_absent = rows[~is_foreign], table[:, ~is_foreign], is_absent[:, ~is_foreign]
         good = np.abs(table) <= limits
         # Temperature and what was asked for besides are a help, not a need; a velocity only checks positions, and most
         # currents are of joints that do not move. Of these an absent one costs no row, but an absurd one marks garbage.
@@ -415,9 +449,37 @@ def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
     return float(signs[joint.number - 1] * factor(unit) * robot.log.conversion(quantity, joint.number).scale)
 
 
+def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Note]]:
+    """The robot with the `log` that reads a file: as its names say without doubt, where the recipe says nothing.
+
+    Raises
+    ------
+    LogError [joints-swapped]
+        The file names its joints in another order than the recipe counts them.
+    """
+    header, log = [column.name for column in schema], robot.log
+    positions = [str(log.column("position", joint.number)) for joint in robot.joints]
+    is_silent = replace(log, units={}, signs={}, names=()) == LogFormat()
+    joints = {column.same_as: column.joint for column in schema if column.joint}
+    naming, is_sure = guessed(header, robot)
+    if {log.time, *positions} <= {*header}:
+        of = [joints.get(column, "") for column in positions]
+        names = [max((name for name in log.names if name in joint), key=len, default="") for joint in of]
+        if naming and "{name}" in naming.position and sorted(names) == sorted(log.names) and names != [*log.names]:
+            what = f"{log.position} is read for {listed(log.names)}, and in the log these columns are of {listed(of)}"
+            mend = f"put this into the recipe, in place of its log block:\n{log_block(naming)}"
+            raise LogError("joints-swapped", what, Where(column=positions[0]), mend)
+        return robot, []
+    if naming is None or not is_sure or not is_silent or (joints and "{name}" not in naming.position):
+        return robot, []
+    text = f"columns are read by their names, as if the recipe said:\n{log_block(naming)}"
+    return replace(robot, log=naming), [Note("columns-named", text)]
+
+
 def _faults(
-    header: Sequence[str], robot: Robot, wanted: Mapping[str, list[str | None]], name: str
+    schema: Sequence[LogColumn], robot: Robot, wanted: Mapping[str, list[str | None]], name: str
 ) -> list[PumaidError]:
+    header = [column.name for column in schema]
     faults: list[PumaidError] = []
     currents = list(map(str, wanted["current"]))
     times = [robot.log.time, *([robot.log.fraction] if robot.log.fraction else [])]
@@ -426,7 +488,13 @@ def _faults(
     where = Where(file=name, row=1)
     if missing:
         what = f"{name} has no column {listed(missing)}; it has {listed(header, 12)}"
-        faults.append(LogError("column-missing", what, where, _mend(header, robot, missing)))
+        mend = _mend(header, robot, missing)
+        joints = [column.joint for column in schema if column.joint]
+        if joints and not any(name in joint for name in robot.log.names for joint in joints):
+            mend = (
+                f"the log's joints are {listed([*dict.fromkeys(joints)])}: give each its log_name in the recipe; {mend}"
+            )
+        faults.append(LogError("column-missing", what, where, mend))
     used = {*times, *(column for columns in wanted.values() for column in columns)}
     doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]
     if doubled:

@@ -88,6 +88,7 @@ def read_file(
     """Read and segment one file, whose recordings count from 0; with sums by which its columns are checked."""
     reader, sums = LogReader(path, robot, extra=extra), LogStatistics(robot)
     dataset = segment(reader, robot, options=options, watch=sums.take)
+    sums.robot = reader.robot
     sums.intervals = [facts.interval for facts in dataset.files if facts.interval > 0.0]
     return dataset, sums
 
@@ -131,7 +132,7 @@ def _copies(files: Sequence[FileFacts]) -> list[LogError]:
 def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
     """Of each kind of notes on files the first few, and on which there are more."""
     for slug in dict.fromkeys(note.slug for note in notes):
-        alike = [note for note in notes if note.slug == slug]
+        alike = [*dict.fromkeys(note for note in notes if note.slug == slug)]
         yield from alike[:MOST_ALIKE]
         rest = [str(note.where.file) for note in alike[MOST_ALIKE:]]
         if rest:

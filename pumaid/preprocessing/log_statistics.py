@@ -97,7 +97,8 @@ class LogStatistics:
 
     def absorb(self, other: Self) -> None:
         """Add the statistics of another file of the same robot, which must not be fed any more."""
-        self.origin = self.origin or other.origin
+        if not self.origin:  # whose columns its log names
+            self.origin, self.robot = other.origin, other.robot
         self._add(**other.totals)
         self.intervals += other.intervals
         for j in range(self.robot.n_joints):

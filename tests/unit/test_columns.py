@@ -1,9 +1,14 @@
-"""Columns in other units: ticks, counts, lost signs. A refusal shows the block that mends it, and that block does."""
+"""Logs in their writers' columns and units: joined by name, ticks, counts, lost signs.
+
+A refusal shows the block that mends it, and that block does.
+"""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pumaid.dataset import Log
@@ -154,3 +159,139 @@ def test_currents_in_counts_are_noted(tmp_path: Path) -> None:
     assert any("whole numbers" in text for text in texts)
     scaled = robot("log: {current: {column: 'i{joint}', scale: 0.005}}\n")
     assert not any("whole numbers" in note.text for note in ingest([path], scaled).notes)
+
+
+def frame(path: Path, columns: dict[str, object]) -> Path:
+    """A CSV or Parquet file as pandas writes it."""
+    data = pd.DataFrame(columns)
+    data.to_csv(path, index=False) if path.suffix == ".csv" else data.to_parquet(path, index=False)
+    return path
+
+
+def by_name(array: np.ndarray, pattern: str) -> dict[str, object]:
+    """Columns of the joints in alphabetical order, which is not theirs: the knee's numbers stand first."""
+    return {pattern.format(name): array[:, k] for k, name in ((1, "a_knee"), (0, "b_hip"))}
+
+
+#: The two joints under names in whose alphabetical order the second comes first.
+NAMED = JOINTS.replace("name: hip", "name: b_hip").replace("name: knee", "name: a_knee")
+NAMES = ["a_knee_joint", "b_hip_joint"]
+
+
+def flipped(array: np.ndarray, pattern: str) -> dict[str, object]:
+    """Columns by number, in the order of `NAMES`."""
+    return {pattern.format(k): array[:, 1 - k] for k in (0, 1)}
+
+
+def bag_table(path: Path) -> Path:
+    """As bagpy writes joint states: numbered columns, and the names of joints as a list in each row."""
+    time, q, current = motion()
+    names = {"Time": time + 1.7e9, "name": [str(NAMES)] * len(time)}
+    return frame(path, names | flipped(q, "position_{}") | flipped(current, "effort_{}"))
+
+
+def plotted(path: Path) -> Path:
+    """As PlotJuggler writes two topics: a row a message, empty where it is of the other topic."""
+    time, q, current = motion()
+    table = pd.DataFrame(
+        {"__time": time}
+        | by_name(q, "/joint_states/{}_joint/position")
+        | by_name(current, "/joint_states/{}_joint/effort")
+    )
+    force = pd.DataFrame({"__time": time + 0.003, "/wrench/force/x": 1.0})
+    pd.concat([table, force]).sort_values("__time").to_csv(path, index=False)
+    return path
+
+
+def echoed(path: Path) -> Path:
+    """As `rostopic echo -p` prints joint states: nanoseconds, and the names of joints in columns of their own."""
+    time, q, current = motion()
+    stamps = {"%time": (np.round(time * 1e9) + 1.7e18).astype(np.int64)}
+    names = {f"field.name{k}": [name] * len(time) for k, name in enumerate(NAMES)}
+    return frame(path, stamps | names | flipped(q, "field.position{}") | flipped(current, "field.effort{}"))
+
+
+def headless(path: Path) -> Path:
+    """As `ros2 topic echo --csv` prints joint states: no header, no velocity's name, one row a message."""
+    time, q, current = motion()
+    rows = zip(np.round(time * 1e9).astype(int), np.hstack([q[:, ::-1], 0 * q, current[:, ::-1]]).tolist(), strict=True)
+    lines = [f"{1700000000 + ns // 10**9},{ns % 10**9},,{','.join([*NAMES, *map(repr, row)])}" for ns, row in rows]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def lists(path: Path) -> Path:
+    """Messages whose arrays stand in cells, with other joints' messages between them."""
+    time, q, current = motion()
+    hand = {"stamp": 1.7e9 + time + 0.005, "name": [["finger"]] * len(time), "position": [[9.0]] * len(time)}
+    arm = {"stamp": 1.7e9 + time, "name": [NAMES] * len(time), "position": q[:, ::-1].tolist()}
+    arm |= {"effort": current[:, ::-1].tolist()}
+    table = pd.concat([pd.DataFrame(arm), pd.DataFrame(hand)]).sort_values("stamp")
+    table["effort"] = [cell if isinstance(cell, list) else [] for cell in table["effort"]]
+    return frame(path, {name: table[name].tolist() for name in table})
+
+
+@pytest.mark.parametrize("written", [bag_table, plotted, echoed, headless, lists, "parquet"])
+def test_joints_are_joined_by_name(tmp_path: Path, written: Callable[[Path], Path] | str) -> None:
+    """Whatever their order in messages or columns; rows of other topics and joints are passed over.
+
+    The block that is printed reads the same when it is pasted.
+    """
+    _, q, current = motion()
+    path = lists(tmp_path / "log.parquet") if isinstance(written, str) else written(tmp_path / "log.csv")
+    arm = parsed_recipe(NAMED.encode(), "recipe.yaml")
+    dataset = ingest([path], arm)
+    (text,) = [note.text for note in dataset.notes if note.slug == "columns-named" and "log:" in note.text]
+    for recipe in (arm, parsed_recipe(f"{NAMED}{text[text.index('log:') :]}".encode(), "recipe.yaml")):
+        log = Log.joined(list(LogReader(path, recipe)))
+        np.testing.assert_allclose(log.position, q)
+        np.testing.assert_allclose(log.current, current)
+        np.testing.assert_allclose(np.diff(log.time), 0.01, atol=1e-6)
+
+
+def test_columns_by_number_that_are_another_joint_s_are_refused(tmp_path: Path) -> None:
+    """The log's own names contradict the recipe's count; the block reads by name."""
+    path = bag_table(tmp_path / "log.csv")
+    block = "log:\n  time: Time\n  position: 'position_{joint0}'\n  current: 'effort_{joint0}'\n"
+    error = refused(path, parsed_recipe(f"{NAMED}{block}".encode(), "recipe.yaml"))
+    assert error.slug == "joints-swapped"
+    mended = parsed_recipe(f"{NAMED}{error.mend[error.mend.index('log:') :]}".encode(), "recipe.yaml")
+    np.testing.assert_allclose(Log.joined(list(LogReader(path, mended))).position, motion()[1])
+
+
+@pytest.mark.parametrize(
+    ("header", "encoding"),
+    [
+        ("Zeit [ms],Gelenkwinkel 1 (°),Gelenkwinkel 2 (°),Motorstrom 1 (mA),Motorstrom 2 (mA)", "utf-8"),
+        ("temps_ms,position_1_deg,position_2_deg,courant_1_mA,courant_2_mA", "utf-8"),
+        ("Tiempo (ms),Posición 1 (deg),Posición 2 (deg),Corriente 1 (mA),Corriente 2 (mA)", "latin-1"),
+        ("时间ms,关节1角度(度),关节2角度(度),关节1电流(mA),关节2电流(mA)", "gb18030"),
+        ("時間(ms),位置1[deg],位置2[deg],電流1[mA],電流2[mA]", "utf-16"),
+        ("時間(ms),位置1[deg],位置2[deg],電流1[mA],電流2[mA]", "shift_jis"),
+        ("time_ms,angle_01_deg,angle_02_deg,cur_01_mA,cur_02_mA", "utf-8"),
+    ],
+)
+def test_words_and_letters_of_other_languages(tmp_path: Path, header: str, encoding: str) -> None:
+    """Names and units are read in six languages and the letters of their countries' programs."""
+    time, q, current = motion()
+    table(tmp_path / "utf8.csv", header, 1e3 * time, np.degrees(q), 1e3 * current)
+    path = tmp_path / "log.csv"
+    path.write_bytes((tmp_path / "utf8.csv").read_text().encode(encoding))
+    (log,) = LogReader(path, robot())
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.current, current)
+    np.testing.assert_allclose(log.time, time, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "t,q_1,q_2,angle_1,angle_2,i_1,i_2",  # two positions
+        "t,q_0,q_1,q_2,i_0,i_1,i_2",  # three joints, or counted from 1
+        "t_a stamp,t_b stamp,q_1,q_2,i_1,i_2",  # two clocks
+    ],
+)
+def test_columns_in_doubt_are_offered_not_used(tmp_path: Path, header: str) -> None:
+    """Another joint's or clock's numbers would be fitted without a word."""
+    path = table(tmp_path / "log.csv", header, np.zeros((3, header.count(",") + 1)))
+    assert refused(path, robot()).slug == "column-missing"

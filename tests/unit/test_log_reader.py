@@ -321,7 +321,7 @@ REFUSED = {
         "50 of 100",
     ),
     "no current": ("t,q1,i1\n0,0,\n1,0,\n", "column-missing", "are empty (i1)"),
-    "nanoseconds": ("t,q1,i1\n1700000000000000000,0,1\n1700000000001000000,0,1\n", "bad-samples", "t in 2"),
+    "time of no unit": ("t,q1,i1\n1700000000000000000000,0,1\n1700000000001000000000,0,1\n", "bad-samples", "t in 2"),
     "quantities in different rows": (
         "t,q1,i1\n" + "".join(f"{k},,1\n" if k % 2 else f"{k},{k},\n" for k in range(100)),
         "bad-samples",
@@ -349,7 +349,7 @@ def test_what_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
 def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
     """Columns of a known pattern come back as the recipe's `log` block, and the block reads the file."""
     content = "timestamp,target_q_0,actual_q_0,actual_q_1,actual_current_0,actual_current_1,actual_qd_0,actual_qd_1\n"
-    error = refusal(tmp_path / "a.csv", content + "0,9,1,2,3,4,5,6\n")
+    error = refusal(tmp_path / "a.csv", content + "0,9,1,2,3,4,5,6\n", arm(2, current="i_{joint}"))
     for line in ('time: "timestamp"', 'position: "actual_q_{joint0}"', 'current: "actual_current_{joint0}"'):
         assert line in error.mend
     robot = arm(2, time="timestamp", position="actual_q_{joint0}", current="actual_current_{joint0}", velocity=None)
@@ -359,7 +359,7 @@ def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "mend"),
     [
-        ("time,q1,q2,torque_1,torque_2", "name this file's columns in the recipe's log block (pumaid init shows one)"),
+        ("time,q1,q2,heat_1,heat_2", "name this file's columns in the recipe's log block (pumaid init shows one)"),
         ("time,Q1,b,current_1,current_2", "the nearest to q1 is Q1; name this file's columns"),
         ("Times,a,b,current_1,current_2", "the nearest to time is Times; name this file's columns"),
     ],

@@ -42,10 +42,15 @@ _MEND = (
 
 
 class LogColumn(NamedTuple):
-    """A column of a log: its name, and the unit of time (s, ms, us, ns) where the file itself states one."""
+    """A column of a log: its name, and the unit of time (s, ms, us, ns) where the file itself states one.
+
+    Where the file says that a column is of joint `joint`, a second name of it says so, and `same_as` is the first.
+    """
 
     name: str
     unit: str = ""
+    same_as: str = ""
+    joint: str = ""
 
 
 class Batch(NamedTuple):

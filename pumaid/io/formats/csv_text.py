@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from pumaid.errors import LogError, Note, Where
+from pumaid.io.column_names import has_foreign_words
 from pumaid.io.formats import GZIP, HEAD_BYTES, Batch, LogColumn, LogSource, floats
+from pumaid.io.formats.joint_columns import JointColumns
 from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
@@ -67,17 +69,18 @@ class Dialect:
         above = [number for number in range(first) if lines[number].strip()]
         above = [number for number in above if not lines[number].lower().startswith(_PREAMBLE)] or above[-1:]
         body = [lines[number] for number in numbers]
-        if not above:
+        topic = _joint_states(cells(body[0], ",")) if body and not above else ()
+        if not above and not topic:
             what = f"{name} has no line of names above its numbers ({body[0].strip()[:40] if body else 'it is empty'})"
             raise LogError(
                 "not-a-log", what, Where(file=name, line=first + 1), "put a header line on top: t,q1,...,i1,..."
             )
-        place = above[-1] if body else above[0]
-        delimiter = _delimiter([lines[place].lstrip("\ufeff#% "), *body])
+        place = -1 if topic else above[-1] if body else above[0]
+        delimiter = "," if topic else _delimiter([lines[place].lstrip("\ufeff#% "), *body])
         if body and len(above) > 1:  # what stands between names and numbers may be units, which no reader may pass over
             sizes = [len(cells(lines[number].lstrip("\ufeff#% "), delimiter)) for number in above[-2:]]
             place = above[-2] if sizes[0] == sizes[1] > 1 else place
-        header = cells(lines[place].lstrip("\ufeff#% "), delimiter)
+        header = topic or cells(lines[place].lstrip("\ufeff#% "), delimiter)
         self.rows = [cells(line, delimiter) for line in body]
         if body and all(len(row) == len(header) + 1 for row in self.rows):
             header = (*header, "")  # a delimiter at the end of each row, but not of the header
@@ -116,9 +119,12 @@ class CsvLog(LogSource):
         try:
             text = codecs.getincrementaldecoder(self._encoding)().decode(head)
         except UnicodeDecodeError:
-            text = head.decode("latin-1")  # in which every byte is a letter
+            texts = [head.decode(codec, "replace") for codec in ("latin-1", "gb18030", "shift_jis")]
+            text = next(filter(has_foreign_words, texts), texts[0])  # in Latin-1 every byte is a letter
         self._dialect = Dialect(text, self.name)
-        return [LogColumn(name) for name in self._dialect.header]
+        self._places = {name: k for k, name in reversed([*enumerate(self._dialect.header)])}
+        self._joints = JointColumns(self._dialect.header, self._dialect.rows)
+        return self._joints.schema()
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`; empty lines and comments are passed over, and a last row that is cut off is left out.
@@ -129,12 +135,11 @@ class CsvLog(LogSource):
             A cell holds text, numbers have separators of thousands, or a row inside the file has too few or too many
             cells.
         """
-        indices = [self._dialect.header.index(name) for name in names]
-        _refuse_thousands(self._dialect, indices, self.name)
+        _refuse_thousands(self._dialect, [self._places[name] for name in names if name in self._places], self.name)
         line, last_row = self._dialect.header_line + 1, 0
         self._ragged: list[tuple[int, int]] = []  # line and number of cells
         self._skipped: list[int] = []  # lines of comments and ragged rows
-        for values in self._parsed(indices):
+        for values in self._parsed(names):
             size = values.shape[1]
             skipped = [number for number in self._skipped if number >= line]
             rows = np.setdiff1d(np.arange(line, line + size + len(skipped)), skipped)[:size]
@@ -146,7 +151,7 @@ class CsvLog(LogSource):
                 yield Batch(rows, values[:, is_filled])
         self._judge(last_row)
 
-    def _parsed(self, indices: Sequence[int]) -> Iterator[Floats]:
+    def _parsed(self, names: Sequence[str]) -> Iterator[Floats]:
         """(C, N) values of the columns, block by block."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
@@ -158,7 +163,11 @@ class CsvLog(LogSource):
             return "skip" if len(self._ragged) < 2 else "error"
 
         dialect = self._dialect
-        wanted = [str(index) for index in indices]
+        more = [name for name in names if name not in self._places]
+        needed = self._joints.needed(more)
+        texts = [str(index) for index in needed if index in self._joints.texts]
+        numbers = [str(self._places[name]) for name in names if name in self._places]
+        numbers += [str(index) for index in needed if index not in self._joints.texts]
         options = (
             arrow_csv.ReadOptions(
                 column_names=[str(index) for index in range(len(dialect.header))],
@@ -173,8 +182,8 @@ class CsvLog(LogSource):
                 invalid_row_handler=on_ragged,
             ),
             arrow_csv.ConvertOptions(
-                include_columns=list(dict.fromkeys(wanted)),
-                column_types=dict.fromkeys(wanted, pa.float64()),
+                include_columns=list(dict.fromkeys([*numbers, *texts])),
+                column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
                 decimal_point=dialect.decimal,
                 null_values=_NULLS,
                 check_utf8=False,
@@ -187,11 +196,19 @@ class CsvLog(LogSource):
                 stream = _single_spaced(stream)
             try:
                 for batch in arrow_csv.open_csv(stream, *options):
-                    yield np.array([floats(batch.column(name)) for name in wanted]).reshape(len(wanted), -1)
+                    yield self._values(batch, names)
             except pa.ArrowInvalid as error:
                 if "Could not skip" not in str(error) and "Empty CSV" not in str(error):  # else there are no rows
                     self._judge(math.inf)
                     raise self._unreadable(str(error)) from error
+
+    def _values(self, batch: Any, names: Sequence[str]) -> Floats:
+        """(C, N) values of a block."""
+        more = [name for name in names if name not in self._places]
+        parts = {k: batch.column(str(k)) for k in self._joints.needed(more)}
+        inner = self._joints.values(parts, more)
+        rows = [inner[name] if name in inner else floats(batch.column(str(self._places[name]))) for name in names]
+        return np.array(rows).reshape(len(names), -1)
 
     def _judge(self, last_row: float) -> None:
         """A cut last row is a recording that was stopped; any other is a damaged file."""
@@ -239,8 +256,19 @@ def _single_spaced(stream: Any) -> Any:
     return pa.TransformInputStream(stream, shorten)
 
 
+def _joint_states(row: Sequence[str]) -> tuple[str, ...]:
+    """Names for the columns of joint states as ``ros2 topic echo --csv`` prints them: stamp, frame, joints, numbers."""
+    count = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell)), 0)
+    groups, rest = divmod(len(row) - 3 - count, count or 1)
+    if not count or rest or not 0 < groups < 4 or not all(cell.isdecimal() for cell in row[:2]):
+        return ()
+    texts = [f"text{k}" for k in range(count)]
+    numbers = [f"{name}/{what}" for what in ("position", "velocity", "effort")[:groups] for name in row[3 : 3 + count]]
+    return ("sec", "nanosec", "frame", *texts, *numbers)
+
+
 def _is_numeric(line: str) -> bool:
-    words = re.split(r"[;,\t| \"]+", line.strip(' "\r\n'))
+    words = re.split(r"[;,\t| \"\[\]()]+", line.strip(' "\r\n[]()'))
     return sum(bool(_NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
 
 
