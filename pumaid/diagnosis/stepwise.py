@@ -33,8 +33,8 @@ from pumaid.model import Model
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
 #: experiment in twenty is told that something is missing when nothing is.
 LEVEL = 0.03
-#: Chance beyond which a candidate is not worth leaving runs out for, and beyond which it is not looked at closely.
-NEAR, FAR = 0.2, 0.3
+#: Chance beyond which a candidate is not looked at closely.
+FAR = 0.3
 #: Standard errors by which held-out error must fall.
 STEADY = 1.0
 #: Share by which an effect must lower the RMSE of some joint to be worth a parameter: far below what a user would mind,
@@ -58,7 +58,7 @@ class EvaluatedCandidate:
     """A candidate at its best shape, and the fit that it was tried on.
 
     `p_value` is family-wise, `evidence` twice the gain in log likelihood less what its parameters would gain by chance.
-    `falls` is what leaving runs out says (None where chance alone could have made it), `before` and `after` (A) are the
+    `falls` is what leaving runs out says, `before` and `after` (A) are the
     RMSE of the fitted samples by joint that it touches, `transfer` says how much of it runs held out showed once it had
     been added, `rivals` are those which these data cannot tell from it, once it was added.
     """
@@ -67,7 +67,7 @@ class EvaluatedCandidate:
     on: Fit
     p_value: float
     evidence: float
-    falls: FoldLosses | None
+    falls: FoldLosses
     before: dict[int, float]
     after: dict[int, float]
     transfer: Transfer | None = None
@@ -79,16 +79,26 @@ class EvaluatedCandidate:
         return self.trial.added.key
 
     @property
+    def log_odds(self) -> float:
+        """Twice the logarithm of its odds, but for what all candidates share: evidence and how usual the effect is."""
+        return self.evidence + 2.0 * float(np.log(self.trial.added.effect.prior_odds))
+
+    @property
     def gain(self) -> float:
         """Largest share by which a joint's RMSE falls."""
         return max((1.0 - after / self.before[joint] for joint, after in self.after.items()), default=0.0)
 
     @property
+    def predicts(self) -> bool:
+        """Whether it lowers the error of runs that were left out, steadily."""
+        return self.falls.falls.sum() > 0.0 and self.falls.steadiness > STEADY
+
+    @property
     def fault(self) -> str | None:
         """Which gate it misses; None where it passes all."""
-        if self.p_value > LEVEL or self.falls is None:
+        if self.p_value > LEVEL:
             return "chance"
-        if self.falls.falls.sum() <= 0.0 or self.falls.steadiness <= STEADY:
+        if not self.predicts:
             return "heldout"
         if self.transfer is not None and self.transfer.is_denied:
             return "denied"
@@ -254,15 +264,27 @@ class Stepwise:
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)
         evaluated = [self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances)]
-        evaluated.sort(key=lambda item: -item.evidence)
+        evaluated.sort(key=lambda item: -item.log_odds)
         chosen = next((item for item in evaluated if item.fault is None), None)
-        try:
-            after = None if chosen is None else self.solved([*added, chosen.trial.added])
-        except ModelError:  # with it the fit goes astray
-            chosen = None
-        if chosen is not None and after is not None:
-            chosen = replace(chosen, rivals=self._rivals(chosen, evaluated, after))
+        if chosen is not None:
+            chosen = self._named(chosen, evaluated, added)
         return Step(table, chances, chosen, tuple(evaluated))
+
+    def _named(
+        self, chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], added: Sequence[EffectTerm]
+    ) -> EvaluatedCandidate | None:
+        """The likeliest of `chosen` and its rivals, with its own; None where with it the fit goes astray.
+
+        That something is missing, the family-wise test of `chosen` shows; what it is, the odds say.
+        """
+        try:
+            rivals = self._rivals(chosen, evaluated, self.solved([*added, chosen.trial.added]))
+            likeliest = max((chosen, *rivals), key=lambda item: item.log_odds)
+            if likeliest is not chosen:
+                rivals = self._rivals(likeliest, evaluated, self.solved([*added, likeliest.trial.added]))
+        except ModelError:
+            return None
+        return replace(likeliest, p_value=chosen.p_value, rivals=rivals)
 
     def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:
         """Of what the solved system leaves, at the finest bins."""
@@ -288,7 +310,9 @@ class Stepwise:
         solved, effect = table.solved, self.periodic
         grid = sorted(table.best().values(), key=lambda trial: -evidence(solved, trial))
         near = [trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(solved.scale)) <= FAR]
-        leaders = [(trial, solved) for trial in (near or grid[:1])[:LEADERS]]
+        lowest = {trial.added.joint: evidence(solved, trial) - DECISIVE for trial in reversed(near)}
+        likely = [trial for trial in grid if evidence(solved, trial) >= lowest.get(trial.added.joint, np.inf)]
+        leaders = [(trial, solved) for trial in dict.fromkeys([*near, *likely][:LEADERS] or grid[:1])]
         for waves in table.spectra:
             slow = table.best().get(waves.key)
             if slow is not None and slow.statistic > waves.statistic().max():
@@ -309,13 +333,13 @@ class Stepwise:
     ) -> tuple[EvaluatedCandidate, ...]:
         """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
 
-        A rival passes the family-wise test itself, has nothing left to explain once `chosen` is in, and is not
-        decisively less likely.
+        A rival predicts runs that were left out, has nothing left to explain once `chosen` is in, and is not decisively
+        less likely.
         """
         out = []
         for other in evaluated:
-            is_good = other.p_value <= LEVEL and other.falls is not None and other.fault != "denied"
-            if other.key == chosen.key or not is_good or chosen.evidence - other.evidence > DECISIVE:
+            is_good = other.predicts and not (other.transfer is not None and other.transfer.is_denied)
+            if other.key == chosen.key or not is_good or chosen.log_odds - other.log_odds > DECISIVE:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
@@ -331,13 +355,12 @@ class Stepwise:
     def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined."""
         trial = refine_shape(Projector(on), grid)
-        chance, falls = chances.p_value(grid.added.key, grid.surprise(on.scale)), None
+        chance = chances.p_value(grid.added.key, grid.surprise(on.scale))
         residuals = misfit_with(on, trial)
         before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
         after = {joint: rmse(on.by_bin[joint].bins, residual) for joint, residual in residuals.items()}
-        if chance <= NEAR:
-            shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
-            falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
+        shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
+        falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
         return EvaluatedCandidate(
             trial, on, chance, evidence(on, trial), falls, before, after, transfer=self._denial(trial.added)
         )

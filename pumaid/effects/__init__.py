@@ -17,13 +17,27 @@ from typing import Any
 
 import numpy as np
 
-from pumaid.effects.base import NO_SHAPE, Effect, Extent, Family, Parameter, Scope, Shape, Trace, load_refusal
+from pumaid.effects.base import (
+    NO_SHAPE,
+    RARE,
+    USUAL,
+    Effect,
+    Extent,
+    Family,
+    Parameter,
+    Scope,
+    Shape,
+    Trace,
+    load_refusal,
+)
 from pumaid.effects.formula import Loads, Samples, columns, filled
 from pumaid.errors import ModelError, PumaidError, Where
 from pumaid.robot import Joint, Robot
 
 __all__ = [
     "NO_SHAPE",
+    "RARE",
+    "USUAL",
     "Effect",
     "Extent",
     "Family",

@@ -29,6 +29,14 @@ TIME_CONSTANTS = (0.08, 0.15, 0.3, 0.6, 1.2)
 POSTURES = 8
 
 
+#: Prior odds of an effect at a joint: 1 where every surveyed joint with gears has it (load: P. Hamon et al., IROS 2010;
+#: speed: A. C. Bittencourt and S. Gunnarsson, ASME J. Dyn. Syst. Meas. Control 134 (2012) 051013; waves: T. D. Tuttle
+#: and W. P. Seering, IEEE Trans. Robotics and Automation 12 (1996) 368-374). No survey counts joints with the others: a
+#: quarter for what some reports have (B. Armstrong-Helouvry et al., Automatica 30 (1994) 1083-1138), a sixteenth for
+#: springs, which few arms have, and for faults.
+USUAL, OCCASIONAL, RARE = 1.0, 1.0 / 4.0, 1.0 / 16.0
+
+
 class Scope(Enum):
     """Whose the parameters are."""
 
@@ -187,6 +195,8 @@ class Effect:
     seen_in: ClassVar[str] = ""
     #: Names of effects that data may not tell from it.
     look_alikes: ClassVar[tuple[str, ...]] = ()
+    #: Odds before any data: `USUAL`, `OCCASIONAL` or `RARE`.
+    prior_odds: ClassVar[float] = OCCASIONAL
     #: Linear and nonlinear parameters of every owner that can have the effect; those that differ by owner override
     #: `parameters` and `shapes`.
     linear: ClassVar[tuple[Parameter, ...]] = ()

@@ -2,7 +2,7 @@
 
 from math import pi
 
-from pumaid.effects import Effect, Family, Parameter, Shape
+from pumaid.effects import RARE, Effect, Family, Parameter, Shape
 
 #: Levers and angles (rad) at which a search begins.
 LEVERS = (0.2, 0.5, 0.8)
@@ -23,6 +23,7 @@ class Counterbalance(Effect):
         " arXiv:1311.6810 (geometry of the gravity compensator, here with a constant force)"
     )
     family = Family.TORQUE
+    prior_odds = RARE
     seen_in = "runs of its joint over the whole span, in postures that change the joint's load"
     look_alikes = ("spring", "tilt", "ripple", "flexibility")
     linear = (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)

@@ -1,6 +1,6 @@
 """Friction that changed at one instant."""
 
-from pumaid.effects import Effect, Family, Parameter, Shape
+from pumaid.effects import RARE, Effect, Family, Parameter, Shape
 
 
 class FrictionStep(Effect):
@@ -18,6 +18,7 @@ class FrictionStep(Effect):
         " Abrupt Changes, Prentice Hall 1993, chapter 2 (change of a mean)"
     )
     family = Family.TIME
+    prior_odds = RARE
     seen_in = "runs both ways that are repeated before and after"
     look_alikes = ("warmup", "torque_constant_drift", "thermal_friction")
     is_repeatable = True

@@ -1,6 +1,6 @@
 """Inertia of the moving joint."""
 
-from pumaid.effects import Effect, Family, Parameter
+from pumaid.effects import USUAL, Effect, Family, Parameter
 
 
 class Inertia(Effect):
@@ -13,6 +13,7 @@ class Inertia(Effect):
     left_out = "it needs the acceleration"
     source = "J. J. Craig, Introduction to Robotics, 3rd ed., section 6.7; one joint moving alone"
     family = Family.MOTION
+    prior_odds = USUAL
     opposes_motion = True
     seen_in = "strokes from rest to rest, or runs whose speed wavers"
     look_alikes = ("presliding", "saturation")

@@ -1,6 +1,6 @@
 """Friction in proportion to the load (gear efficiency)."""
 
-from pumaid.effects import Effect, Family, Parameter, load_refusal
+from pumaid.effects import USUAL, Effect, Family, Parameter, load_refusal
 from pumaid.robot import Robot
 
 
@@ -20,6 +20,7 @@ class LoadFriction(Effect):
         " load and velocity, IROS 2010, 6187-6193"
     )
     family = Family.LOAD
+    prior_odds = USUAL
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
     look_alikes = (
         *("position_friction", "side_load_friction", "load_friction_square", "stribeck_load"),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pumaid.effects import Effect, Extent, Family, Parameter, Shape
+from pumaid.effects import USUAL, Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
 
 #: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
@@ -30,6 +30,7 @@ class Ripple(Effect):
         " and Automation 12 (1996) 368-374"
     )
     family = Family.RIPPLE
+    prior_odds = USUAL
     seen_in = "slow runs over a wide span, sampled fast"
     is_repeatable = True
     periodic = "frequency"

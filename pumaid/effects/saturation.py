@@ -1,6 +1,6 @@
 """Current clipped at a limit."""
 
-from pumaid.effects import Effect, Family, Parameter, Shape
+from pumaid.effects import RARE, Effect, Family, Parameter, Shape
 
 #: Limits that a search begins with, as shares of the largest predicted current.
 SHARES = (0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985)
@@ -19,6 +19,7 @@ class Saturation(Effect):
         " the actuator)"
     )
     family = Family.CURRENT
+    prior_odds = RARE
     seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "smooth_friction", "viscous_power", "inertia")
     linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0, sign=1),)

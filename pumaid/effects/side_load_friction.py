@@ -1,6 +1,6 @@
 """Friction of bearings under a side load."""
 
-from pumaid.effects import Effect, Family, Parameter
+from pumaid.effects import RARE, Effect, Family, Parameter
 
 
 class SideLoadFriction(Effect):
@@ -19,6 +19,7 @@ class SideLoadFriction(Effect):
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013 (perpendicular load)"
     )
     family = Family.LOAD
+    prior_odds = RARE
     seen_in = "runs both ways in postures in which gravity bends the joint's axis much and little"
     look_alikes = ("load_friction", "position_friction")
     linear = (Parameter("mu", "1", "friction per moment across the axis", "mu{n}", 0.03, -5.0, 5.0, sign=1),)

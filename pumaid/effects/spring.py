@@ -1,6 +1,6 @@
 """Spring: a current in proportion to position."""
 
-from pumaid.effects import Effect, Family, Parameter
+from pumaid.effects import RARE, Effect, Family, Parameter
 
 
 class Spring(Effect):
@@ -16,6 +16,7 @@ class Spring(Effect):
         " identification package for the da Vinci Research Kit, IEEE Robotics and Automation Letters 4 (2019) 3657-3664"
     )
     family = Family.TORQUE
+    prior_odds = RARE
     seen_in = "runs over the joint's whole span, in postures of much and little load"
     look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")
     linear = (Parameter("a", "A/{unit}", "stiffness, as current", "a{n}", 0.1),)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pumaid.effects import Effect, Extent, Family, Parameter, Shape
+from pumaid.effects import USUAL, Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
 
 #: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
@@ -24,6 +24,7 @@ class Stribeck(Effect):
         " (1994) 1083-1138, section 2"
     )
     family = Family.SPEED
+    prior_odds = USUAL
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
     look_alikes = ("viscous_power", "smooth_friction", "torque_droop", "saturation")
     linear = (Parameter("a", "A", "height of the fall, from rest to high speed", "a{n}", 0.1, sign=1),)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pumaid.effects import Effect, Extent, Family, Parameter, Shape, load_refusal
+from pumaid.effects import RARE, Effect, Extent, Family, Parameter, Shape, load_refusal
 from pumaid.robot import Robot
 
 #: Starting speeds of the fall, from below the slowest run to near the fastest.
@@ -23,6 +23,7 @@ class StribeckLoad(Effect):
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
     )
     family = Family.LOAD
+    prior_odds = RARE
     seen_in = "runs both ways at four speeds or more, under much and little load"
     look_alikes = ("load_friction",)
     linear = (Parameter("a", "1", "height of the fall per load", "a{n}", 0.1, -5.0, 5.0, sign=1),)

@@ -1,6 +1,6 @@
 """Base tilted against gravity."""
 
-from pumaid.effects import Effect, Family, Parameter, Scope, Shape, load_refusal
+from pumaid.effects import RARE, Effect, Family, Parameter, Scope, Shape, load_refusal
 from pumaid.robot import Robot
 
 #: Ratios of gains at which a search begins: those of neighbours on published arms, of either sign.
@@ -23,6 +23,7 @@ class Tilt(Effect):
     )
     scope = Scope.ARM
     family = Family.GRAVITY
+    prior_odds = RARE
     seen_in = "runs of a joint whose axis is upright, and of others in several postures"
     look_alikes = ("zero_offset", "counterbalance", "coupling", "spring")
 

@@ -1,6 +1,6 @@
 """Torque constant that falls as the motor warms."""
 
-from pumaid.effects import Effect, Family, Parameter, Shape, Trace
+from pumaid.effects import RARE, Effect, Family, Parameter, Shape, Trace
 
 
 class TorqueConstantDrift(Effect):
@@ -17,6 +17,7 @@ class TorqueConstantDrift(Effect):
         " Trans. Industry Applications 31 (1995) 353-357"
     )
     family = Family.TIME
+    prior_odds = RARE
     trace = (Trace.TIME, Trace.LOAD)
     seen_in = "runs under much load, repeated over one long recording from a cold start"
     look_alikes = ("warmup", "thermal_friction", "friction_step", "payload")

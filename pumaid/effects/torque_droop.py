@@ -1,6 +1,6 @@
 """Motor gives less torque per ampere at high current."""
 
-from pumaid.effects import Effect, Family, Parameter
+from pumaid.effects import RARE, Effect, Family, Parameter
 
 
 class TorqueDroop(Effect):
@@ -17,6 +17,7 @@ class TorqueDroop(Effect):
         " (saturation of the torque constant)"
     )
     family = Family.CURRENT
+    prior_odds = RARE
     seen_in = "runs under much and little load, up to high currents"
     look_alikes = (
         "saturation",

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from pumaid.effects import Effect, Family, Parameter, Shape
+from pumaid.effects import USUAL, Effect, Family, Parameter, Shape
 
 
 class ViscousPower(Effect):
@@ -18,6 +18,7 @@ class ViscousPower(Effect):
         " compensation, European Journal of Control 4 (1998) 176-195, section 2 (classical models)"
     )
     family = Family.SPEED
+    prior_odds = USUAL
     seen_in = "runs both ways at four speeds or more, up to the fastest allowed"
     look_alikes = ("stribeck", "smooth_friction", "torque_droop", "saturation")
     linear = (Parameter("b", "A", "current at unit speed (1 rad/s or 1 m/s)", "b{n}", 0.15),)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pumaid.effects import Effect, Family, Parameter, Scope, load_refusal
+from pumaid.effects import RARE, Effect, Family, Parameter, Scope, load_refusal
 from pumaid.effects.base import POSTURES, ROUNDING
 from pumaid.robot import Robot
 
@@ -23,6 +23,7 @@ class ZeroOffset(Effect):
     )
     scope = Scope.CAUSE
     family = Family.GRAVITY
+    prior_odds = RARE
     seen_in = "runs of the joints before it while it is held at several positions, better with a payload"
     look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")
     linear = (Parameter("delta", "rad", "true position less measured position", "delta{n}", 0.03, -0.5, 0.5),)

@@ -367,3 +367,12 @@ def test_sizes_have_errors_of_all_that_is_fitted_beside_them(speeds, is_told):
             assert abs(abs(size.value) - 0.1) < 3.0 * size.std_error and ", with velocity" in sentence
         else:
             assert size.std_error is None and ", not told apart from velocity" in sentence
+
+
+def test_what_data_hardly_tell_has_the_usual_name_first():
+    """Load friction of 1 %, in one posture: named, or told beside what was named."""
+    lab = Lab.of(LEVER, design(LEVER, postures=1), Hidden("load_friction", 1, {"drive": 0.01, "back": 0.01}))
+    looks = [Stepwise(lab.model, lab.noisy(seed, Din(level=0.003))).look([]).chosen for seed in range(700, 708)]
+    names = [[item.key[0], *(rival.key[0] for rival in item.rivals)] for item in looks if item is not None]
+    assert len(names) >= 3 and all("load_friction" in item for item in names)
+    assert np.mean([item[0] == "load_friction" for item in names]) > 0.7
