@@ -99,6 +99,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
         units.setdefault("velocity", f"{units['position']}/s")
     units = {key: word for key, word in units.items() if robot.log.units.get(key, usual[key]) == usual[key]}
     log = LogFormat(times[0], units={**robot.log.units, **units}, names=names, signs=robot.log.signs)
+    log = replace(log, conversions=robot.log.conversions)
     return replace(log, fraction="".join(times[1:]), **cast(Any, chosen)), is_sure and is_one
 
 

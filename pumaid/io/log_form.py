@@ -1,13 +1,15 @@
 """The block `log` of a recipe: what it may hold, and the format of logs that it says."""
 
 import re
+from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from pumaid.errors import meant
-from pumaid.io.forms import AS_LIST, Finite, StrictForm, Words, arm_of, check, like, refusal
-from pumaid.robot import QUANTITIES, Conversion, LogFormat
+from pumaid.io.forms import AS_LIST, ArmForm, Finite, StrictForm, Words, arm_of, check, like, parsed_yaml, refusal
+from pumaid.robot import QUANTITIES, Conversion, LogFormat, Robot
 from pumaid.units import UNITS
 
 _TEMPLATE = re.compile(r"(?:[^{}]|\{\{|\}\}|\{joint0?(?::(?:0?\d)?d?)?\}|\{name\})*")
@@ -110,9 +112,20 @@ class ColumnForm(StrictForm):
 Columns = Annotated[ColumnForm, BeforeValidator(lambda value: {"column": value} if isinstance(value, str) else value)]
 
 
+@cache
+def presets() -> dict[str, dict[str, Any]]:
+    """The `log` blocks of what people own, by the names of their files and what else these are called."""
+    out: dict[str, dict[str, Any]] = {}
+    for path in sorted((Path(__file__).parent / "presets").glob("*.yaml")):
+        data = parsed_yaml(path.read_bytes(), path.name).data
+        out |= {str(name): data["log"] for name in (path.stem, *data.get("also", ()))}
+    return out
+
+
 class LogForm(StrictForm):
     """The block `log`."""
 
+    preset: Words | None = None
     time: Times = like("t   (or [sec, nanosec])", default=("t",))
     position: Columns = ColumnForm(column="q{joint}")
     velocity: Columns | None = ColumnForm(column="qd{joint}")
@@ -121,6 +134,22 @@ class LogForm(StrictForm):
     effort: Literal["current", "torque"] = "current"
     units: Annotated[dict[Quantity, str], AfterValidator(_units)] = like(default={})
     signs: dict[Literal["position", "current"], Signs] = like("{position: [1, -1, ...]}", default={})
+
+    @model_validator(mode="before")
+    @classmethod
+    def _over_preset(cls, data: Any) -> Any:
+        """What a block says goes over its preset, part by part."""
+        if not isinstance(data, dict) or not isinstance(data.get("preset"), str):
+            return data
+        name = data["preset"].lower().replace("_", "-")
+        if name not in presets():
+            raise refusal(f"there is no preset {name[:60]}", meant(name, list(presets())))
+        out = dict(presets()[name])
+        for key, value in data.items():
+            before, now = ({"column": part} if key in QUANTITIES and isinstance(part, str) else part
+                           for part in (out.get(key), value))  # fmt: skip
+            out[key] = before | now if isinstance(before, dict) and isinstance(now, dict) else value
+        return out
 
 
 def log_format(form: LogForm, names: tuple[str, ...]) -> LogFormat:
@@ -145,3 +174,11 @@ def log_format(form: LogForm, names: tuple[str, ...]) -> LogFormat:
     changed = {key: values for key, values in conversions.items() if {*values} != {Conversion()}}
     time, fraction = (*form.time, "")[:2]
     return LogFormat(time, **fields, signs=cast(Any, form.signs), names=names, fraction=fraction, conversions=changed)
+
+
+def preset_formats(robot: Robot) -> dict[str, LogFormat]:
+    """What the presets make of a robot's logs."""
+    joints = [{"name": joint.name, "type": joint.kind} for joint in robot.joints]
+    names = robot.log.names or tuple(joint.name for joint in robot.joints)
+    forms = {name: LogForm.model_validate({"preset": name}, context=ArmForm({"joints": joints})) for name in presets()}
+    return {name: log_format(form, names) for name, form in forms.items()}

@@ -18,6 +18,7 @@ from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
 from pumaid.io.column_names import fraction_of_second, guessed, log_block, paste_block
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
+from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.robot import QUANTITIES, Conversion, Joint, LogFormat, Robot
@@ -470,10 +471,19 @@ def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Not
             mend = f"put this into the recipe, in place of its log block:\n{log_block(naming)}"
             raise LogError("joints-swapped", what, Where(column=positions[0]), mend)
         return robot, []
+    if is_silent:  # columns of a device that writes SI
+        plain = [log for log in preset_formats(robot).values() if not log.conversions and _columns(log) <= {*header}]
+        naming, is_sure = (plain[0], True) if plain else (naming, is_sure)
     if naming is None or not is_sure or not is_silent or (joints and "{name}" not in naming.position):
         return robot, []
     text = f"columns are read by their names, as if the recipe said:\n{log_block(naming)}"
     return replace(robot, log=naming), [Note("columns-named", text)]
+
+
+def _columns(log: LogFormat) -> set[str]:
+    """The columns that a log must have."""
+    numbers = range(1, len(log.names) + 1)
+    return {log.time, *(str(log.column(quantity, k)) for quantity in ("position", "current") for k in numbers)}
 
 
 def _faults(

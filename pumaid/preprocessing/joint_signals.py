@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pumaid.errors import listed
 from pumaid.io.column_names import log_block
+from pumaid.io.log_form import preset_formats
 from pumaid.io.log_reader import factor_of
 from pumaid.maths import Floats
 from pumaid.preprocessing.encodings import lost_sign
@@ -37,6 +39,7 @@ ZEROS, ZERO_SHARE, ZERO_RATIO = 8, 1e-3, 8
 #: Jumps, and turns at zero, that tell; and the scatter of their sizes below which they are one size.
 JUMPS, ONE_SIZE = 3, 0.02
 
+_PASTE = "{}, put this into the recipe, in place of its log block:\n{}"
 #: rad at which no joint without limits is, and widths of its limits by which no joint leaves them. Rounding of counts.
 MOST_RADIANS, FARTHEST, WHOLE = 300.0, 3.0, 1e-6
 #: Counts of encoders, and the angle (rad) that they are: of small servos 300 degrees, of others a turn.
@@ -193,12 +196,14 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
         if jump == place or all(_fits(joint, span) or _fits(joint, span - size) for joint, span, size in spans):
             return paste("if this is how they show their sign", log, "position", encoding=encoding)
     for counts, angle in ENCODERS if jump < 2 else [pair for pair in ENCODERS if pair[0] == jump]:
-        for zero in (counts // 2, 0) if all(low >= 0.0 and high < counts for low, high in ends) else (0,):
+        for zero in ((counts + 1) // 2, 0) if all(low >= 0.0 and high < counts for low, high in ends) else (0,):
             parts = [math.copysign(angle / counts, k) * (end - zero) for end, k in zip(ends, factors, strict=True)]
             if jump < 2 and not all(_fits(j.joint, part) for j, part in zip(turning, parts, strict=True)):
                 continue
             turn = "a turn is" if angle == math.tau else f"{angle / factor('deg'):.0f} degrees are"
             scales = {abs(angle / counts / k) for k in factors}
+            if mend := _preset(sums.robot, angle / counts, zero):
+                return mend
             units = {**log.units, "position": "rad"}
             if log.units.get("velocity") == f"{log.units.get('position')}/s":
                 units["velocity"] = "rad/s"
@@ -209,6 +214,24 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
     return (
         f"say what they count in the recipe: log: {{position: {{column: {json.dumps(log.position)}, scale: rad a"
         " count, zero: count where the joint is at zero}}"
+    )
+
+
+def _preset(robot: Robot, scale: float, zero: float) -> str:
+    """A mend by the presets with these columns, if any, whose positions count so (rad a count, count at zero)."""
+    log, names, formats = robot.log, list[str](), preset_formats(robot)
+    for name, other in formats.items():
+        by_preset, meaning = replace(robot, log=other), other.conversion("position", 1)
+        is_so = abs(factor_of(by_preset, "position", robot.joints[0]) / scale - 1.0) < 1e-3 and meaning.zero == zero
+        names += [name] if is_so and (other.position, other.current) == (log.position, log.current) else []
+    firsts = {repr(formats[name]): name for name in reversed(names)}  # of one with several names the first
+    names = [name for name in names if name in firsts.values()]
+    lines = [f"  preset: {name}" for name in names[:1]] + [f"  time: {json.dumps(log.time, ensure_ascii=False)}"]
+    lines += ["  velocity: null"] if log.velocity is None else []
+    return (
+        _PASTE.format(f"if your servos are {names[0]} (or of preset {listed(names[1:])})", "\n".join(["log:", *lines]))
+        if names
+        else ""
     )
 
 

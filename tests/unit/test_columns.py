@@ -13,6 +13,7 @@ import pytest
 
 from pumaid.dataset import Log
 from pumaid.errors import Faults, LogError, PumaidError
+from pumaid.io import log_form
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import parsed_recipe
 from pumaid.io.write import write_log
@@ -77,7 +78,7 @@ def read(path: Path, arm: Robot) -> Log:
 
 @pytest.mark.parametrize(
     ("counts", "angle", "zero"),
-    [(4096, 2 * np.pi, 2048), (1023, np.radians(300), 511), (2**18, 2 * np.pi, 0), (2**14, 2 * np.pi, 2**13)],
+    [(4096, 2 * np.pi, 2048), (1023, np.radians(300), 512), (2**18, 2 * np.pi, 0), (2**14, 2 * np.pi, 2**13)],
 )
 def test_counts_of_encoders_are_refused_with_the_block_that_reads_them(
     tmp_path: Path, counts: int, angle: float, zero: int
@@ -295,3 +296,104 @@ def test_columns_in_doubt_are_offered_not_used(tmp_path: Path, header: str) -> N
     """Another joint's or clock's numbers would be fitted without a word."""
     path = table(tmp_path / "log.csv", header, np.zeros((3, header.count(",") + 1)))
     assert refused(path, robot()).slug == "column-missing"
+
+
+def servo(columns: str, q: np.ndarray, current: np.ndarray) -> dict[str, np.ndarray]:
+    """Registers of two servos as their manuals say: counts of positions and currents in C's integers."""
+    position, effort = columns.split()
+    ticks = np.rint(q / (2 * np.pi / 4096)).astype(np.int32) + 2048
+    counts = np.rint(current).astype(np.int16)
+    return {f"{name}_{k + 1}": part[:, k] for k in (0, 1) for name, part in ((position, ticks), (effort, counts))}
+
+
+def with_bit(numbers: np.ndarray, bit: int) -> np.ndarray:
+    """Sizes with the sign in a bit."""
+    return np.abs(numbers) | ((numbers < 0).astype(np.int32) << bit)
+
+
+#: Of each preset: the columns that its device writes for time (s), positions (rad) and currents (A).
+DEVICES: dict[str, Callable[..., dict[str, object]]] = {
+    "ur-rtde": (
+        lambda t, q, i: (
+            {"timestamp": t + 5e4}
+            | {f"actual_q_{k}": q[:, k] for k in (0, 1)}
+            | {f"target_q_{k}": 0 * t for k in (0, 1)}
+            | {f"{name}_{k}": i[:, k] for name in ("actual_current", "actual_current_window") for k in (0, 1)}
+        )
+    ),
+    "joint_state": (
+        lambda t, q, i: (
+            {"t": t}
+            | {
+                f"/joint_states/{n}/{w}": a[:, k]
+                for w, a in (("effort", i), ("position", q))
+                for k, n in enumerate(("hip", "knee"))
+            }
+        )
+    ),
+    "dynamixel-x": (lambda t, q, i: {"timestamp": t} | servo("present_position present_current", q, i * 1e3 / 2.69)),
+    "dynamixel-xl330": (lambda t, q, i: {"timestamp": t} | servo("present_position present_current", q, i * 1e3)),
+    "dynamixel-xl430": (lambda t, q, i: {"timestamp": t} | servo("present_position present_load", q, i * 1e3)),
+    "feetech-sts": (
+        lambda t, q, i: (
+            {"timestamp": t}
+            | {
+                name: with_bit(part, 15) if "current" in name else part
+                for name, part in servo("present_position present_current", q, i * 1e3 / 6.5).items()
+            }
+        )
+    ),
+    "feetech-scs": (
+        lambda t, q, i: (
+            {"timestamp": t}
+            | {f"present_position_{k + 1}": np.rint(np.degrees(q[:, k]) / 300 * 1023).astype(int) + 512 for k in (0, 1)}
+            | {f"present_load_{k + 1}": with_bit(np.rint(1e3 * i[:, k]).astype(int), 10) for k in (0, 1)}
+        )
+    ),
+    "franka": (
+        lambda t, q, i: (
+            {"time": np.rint(1e3 * t), " success_rate": 0 * t + 1}
+            | {f" state.{name}[{k}]": part[:, k] for name, part in (("q", q), ("tau_J", i)) for k in (0, 1)}
+        )
+    ),
+    "lerobot": (
+        lambda t, q, i: (
+            {"timestamp": t}
+            | {f"{n}.pos": np.degrees(q[:, k]) for k, n in enumerate(("hip", "knee"))}
+            | {f"{n}.load": with_bit(np.rint(1e3 * i[:, k]).astype(int), 10) for k, n in enumerate(("hip", "knee"))}
+        )
+    ),
+}
+
+
+@pytest.mark.parametrize("preset", DEVICES)
+def test_presets_read_what_their_devices_write(tmp_path: Path, preset: str) -> None:
+    """To half a count of position and of current."""
+    time, q, current = motion()
+    q = 0.8 * q
+    path = frame(tmp_path / "log.csv", DEVICES[preset](time, q, current))
+    log = read(path, robot(f"log: {{preset: {preset}}}\n"))
+    assert np.abs(log.position - q).max() <= 0.00256
+    assert np.abs(log.current - current).max() <= 0.00326
+    np.testing.assert_allclose(np.diff(log.time), 0.01, atol=1e-9)
+
+
+def test_every_preset_is_a_log_block_and_tells_its_source() -> None:
+    """One file each; those with counts that only the user knows are refused until a scale is stated."""
+    for path in (Path(log_form.__file__).parent / "presets").glob("*.yaml"):
+        assert path.read_text().startswith("source: ")
+        assert robot(f"log: {{preset: {path.stem}}}\n").log.position
+
+
+def test_a_preset_is_offered_for_its_columns_and_overridden(tmp_path: Path) -> None:
+    """Of a log without a block; a part of a quantity that is stated goes over the preset's, the rest stays."""
+    time, q, current = motion()
+    path = frame(tmp_path / "log.csv", DEVICES["dynamixel-x"](time, 0.8 * q, current))
+    error = refused(path, robot())
+    assert "preset: dynamixel-x\n" in error.mend and "dynamixel-xl330" in error.mend
+    assert np.abs(read(path, pasted(error)).position - 0.8 * q).max() < 1e-3
+    log = robot("log: {preset: dynamixel_x, position: {zero: 0}, current: 'i{joint}', units: {current: A}}\n").log
+    assert (log.conversion("position", 1).zero, log.conversion("position", 1).scale) == (0.0, np.pi / 2048)
+    assert (log.column("current", 2), log.conversion("current", 2).scale) == ("i2", 2.69)
+    with pytest.raises(PumaidError, match="did you mean ur-rtde"):
+        robot("log: {preset: ur-rtd}\n")

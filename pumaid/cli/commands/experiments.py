@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     "--base", metavar="LINK", help="Where the arm starts in the URDF.  [default: the link that nothing carries]"
 )
 @click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: where it splits]")
+@click.option("--preset", metavar="NAME", help="What writes the logs, such as ur-rtde or dynamixel-xm430.")
 @options.force_option
 @options.output_option("File or folder; - prints.  [default: recipe.yaml]")
 @options.json_option
@@ -47,6 +48,7 @@ def init(
     urdf: Path | None,
     base: str | None,
     tip: str | None,
+    preset: str | None,
     force: bool,
     output: Path | None,
     as_json: bool,
@@ -62,7 +64,7 @@ def init(
       pumaid init --urdf my_arm.urdf --tip tool0 -o my_arm/recipe.yaml
       pumaid init blank --joints 4
     """
-    from pumaid.io.recipe import read_recipe
+    from pumaid.io.recipe import parsed_recipe, read_recipe
     from pumaid.io.urdf import UrdfRecipe
     from pumaid.reporting.run_tables import axes_table
 
@@ -83,6 +85,9 @@ def init(
         text = made.text
         facts["urdf"] = {"file": made.urdf.file, "base": made.base, "tip": made.tip}
         notes(made.notes)
+    if preset is not None:
+        text = f"{text.rstrip()}\n\nlog: {{preset: {preset}}}\n"
+        parsed_recipe(text.encode(), f"--preset {preset}")
     if str(path) == "-":
         document(facts | {"text": text}, "recipe") if as_json else write_result(path, text.rstrip() + "\n")
         return
