@@ -59,7 +59,7 @@ from pumaid.robot import Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
-#: Share of a parameter's direction that its information need not show.
+#: Share of a parameter's information below which its shapes have all of it.
 SHOWN = 1e-6
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
@@ -93,9 +93,11 @@ def covariance_of(candidate: EvaluatedCandidate) -> Floats:
         white = projector.whitened(projector.columns([term.at({}, trial.sizes.tolist())]))
         if white:
             information = projector.scores(white, next(iter(white.values())).shape[1])[1][0]
-    covariance = pseudo_inverse(information)[0]
-    is_shown = np.diagonal(covariance @ information)[:count] > 1.0 - SHOWN
-    return np.where(np.outer(is_shown, is_shown), covariance[:count, :count] * solved.scale, np.inf)
+    among, with_shapes, shapes = information[:count, :count], information[:count, count:], information[count:, count:]
+    if len(shapes):
+        among = among - with_shapes @ pseudo_inverse(shapes)[0] @ with_shapes.T
+    is_shown = np.diagonal(among) > SHOWN * np.diagonal(information)[:count]
+    return np.where(np.outer(is_shown, is_shown), pseudo_inverse(among)[0] * solved.scale, np.inf)
 
 
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, with_current
+from worlds import PENDULUM
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
@@ -376,3 +377,14 @@ def test_what_data_hardly_tell_has_the_usual_name_first():
     names = [[item.key[0], *(rival.key[0] for rival in item.rivals)] for item in looks if item is not None]
     assert len(names) >= 3 and all("load_friction" in item for item in names)
     assert np.mean([item[0] == "load_friction" for item in names]) > 0.7
+
+
+def test_shares_of_a_load_that_gravity_absorbs_are_told_by_their_sum():
+    """Where the load's own size and the two shares trade, sizes are what is known, with errors that hold the truth."""
+    plan = design(PENDULUM, postures=2, speeds=(0.3, 1.2))
+    lab = Lab.of(PENDULUM, plan, Hidden("load_friction", 1, {"drive": 0.1, "back": 0.1}))
+    dataset = Dataset(lab.noisy(62, Din(level=0.003)))
+    finding = diagnose(identify(dataset, PENDULUM), dataset, PENDULUM).findings[0]
+    (size,) = finding.sizes
+    assert (finding.effect, finding.joint, size.name) == ("load_friction", 1, "drive + back")
+    assert abs(size.value - 0.2) < 3.0 * size.std_error < 0.1
