@@ -2,8 +2,10 @@
 
 import copy
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from pumaid.errors import Note, Where, listed
 from pumaid.estimation.evaluate import JointPrediction
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.link_lengths import mean_motion
+from pumaid.io.forms import yaml_text
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats
 from pumaid.rigid_body import PARAMETERS, RigidBody
@@ -40,8 +43,9 @@ TEXTS = {
     " inertia shows that links have mass. Log raw currents",
     SCALED: "positions seem to be in another unit than the recipe says{beside}: {scale} times as large, {falls}. An"
     " encoder's range is perhaps no whole turn; a spring may look like it",
-    LOADED: "the last link seems to carry another load in some files{beside}: with a load a file, {falls}. State loads"
-    " in the recipe (files, payload), or identify the files apart",
+    LOADED: "the last link seems to carry another load in some files{beside}: with a load a file, {falls}. Identify"
+    " the files apart; or, where you know the loads, say so in the recipe (kg, and m in the last link's frame), which"
+    " gives torque constants too:\n{files}",
 }
 BESIDE = {TURNED: "a joint turned round", ORDERED: "another order of joints", LOADED: "another load in some files"}
 BESIDE |= {MOUNTED: "another mounting", WEIGHTLESS: "gravity taken out", SCALED: "another unit of positions"}
@@ -242,8 +246,19 @@ def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
         gravity=[round(part, 2) + 0.0 for part in setup.gravity],
         opposite="" if setups.moves else " or the other way",
         scale=number(max(setup.factors, key=lambda factor: abs(factor - 1.0)), 3),
+        files=_loads_block(run.origin for row in fitted.joints for run in row.bins.runs),
     )
     return [Note(setup.kind, text, Where(joint=joint))]
+
+
+def _loads_block(origins: Iterable[str]) -> str:
+    """The recipe's lines on the loads of files, with masses where names of files tell them (``mass_200g.csv``)."""
+    lines = []
+    for name in sorted({Path(origin).name for origin in origins}):
+        match = re.search(r"(\d+(?:\.\d+)?)_?(k?)g(?![A-Za-z])", name)
+        mass = f"{float(match[1]) * (1.0 if match[2] else 1e-3):g}" if match else "KG"
+        lines.append(f"  {yaml_text(name)}: {{payload: {{mass: {mass}, at: [X, Y, Z]}}}}")
+    return "\n".join(["files:", *lines])
 
 
 def of_weight(at_joints: Mapping[int, JointPrediction]) -> list[Note]:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import pumaid
 from pumaid.dataset import Log
 from pumaid.errors import Faults, LogError, PumaidError
 from pumaid.io import log_form
@@ -397,3 +398,21 @@ def test_a_preset_is_offered_for_its_columns_and_overridden(tmp_path: Path) -> N
     assert (log.column("current", 2), log.conversion("current", 2).scale) == ("i2", 2.69)
     with pytest.raises(PumaidError, match="did you mean ur-rtde"):
         robot("log: {preset: ur-rtd}\n")
+
+
+def test_a_note_on_loads_shows_the_lines_that_state_them(tmp_path: Path) -> None:
+    """A rod of 0.9 N m/A with three masses 0.14 m out, a file each: pasted with that length, K comes out."""
+    one = "".join(line for line in JOINTS.splitlines(True) if "knee" not in line)
+    (tmp_path / "recipe.yaml").write_text(one)
+    rng = np.random.default_rng(11)
+    for mass, name in ((0.0, "0g"), (0.1, "100g"), (0.2, "0.2kg")):
+        time = np.arange(0.0, 60.0, 0.01)
+        q, speed, pull = 1.5 * np.sin(0.7 * time), np.cos(0.7 * time), -1.5 * 0.49 * np.sin(0.7 * time)
+        torque = (0.01 + 0.14 * mass) * 9.80665 * np.sin(q) + 0.14**2 * mass * pull + 0.03 * np.sign(speed)
+        current = torque / 0.9 + rng.normal(scale=0.003, size=len(q))
+        frame(tmp_path / f"rod_{name}.csv", {"t": time, "q1": q, "i1": current})
+    (text,) = [note.text for note in pumaid.identify(tmp_path).notes if note.slug == "loads-differ"]
+    block = text[text.index("\nfiles:") :].replace("[X, Y, Z]", "[0.14, 0, 0]")
+    (tmp_path / "recipe.yaml").write_text(f"{one}{block}\n")
+    constant = next(item for item in pumaid.identify(tmp_path).values if item.name == "torque_constant.j1")
+    assert abs(constant.value - 0.9) < 4.0 * constant.std_error < 0.02
