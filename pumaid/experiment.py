@@ -14,7 +14,7 @@ from pumaid.dataset import Dataset, load_dataset, save_dataset, with_payloads
 from pumaid.effect_spec import check_parameters, terms_of
 from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Where, listed
 from pumaid.estimate import Estimate
-from pumaid.io.paths import LogPath, chosen_logs, expand, is_remote
+from pumaid.io.paths import DATASET, LogPath, chosen_logs, expand, is_remote
 from pumaid.io.plan_file import find_plan, read_plan
 from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes
 from pumaid.io.write import write_file
@@ -23,8 +23,8 @@ from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 from pumaid.results.documents import check_same_recipe, read_model
 from pumaid.robot import Robot
 
-#: Of an experiment's folder: the logs, the current model, and the dataset that commands share.
-LOGS, MODEL, DATASET = "logs", "results/model.json", "dataset.npz"
+#: Of an experiment's folder: the logs, and the current model.
+LOGS, MODEL = "logs", "results/model.json"
 #: What ``--heldout`` is given for postures instead of files.
 POSTURE = "posture"
 

@@ -21,7 +21,7 @@ STDIN = Path("-")
 #: Between a scheme and a path, and schemes of this machine's own files.
 SCHEME, _LOCAL = "://", ("file", "local")
 #: Left out of folders: what pumaid itself writes there.
-RESULTS_NAME, PLAN_NAME = "results", "plan.csv"
+RESULTS_NAME, PLAN_NAME, DATASET = "results", "plan.csv", "dataset.npz"
 
 #: A log on this machine, or its URL in a store that fsspec knows.
 LogPath = Path | str
@@ -57,8 +57,8 @@ def expand(arguments: Iterable[str | Path]) -> list[LogPath]:
     """The log files (at least one) that the arguments of a command name, each once, where it is named first.
 
     A folder stands for every log below it (by the endings of the formats) in natural order of their names, without
-    hidden ones, ``plan.csv`` and folders named ``results``; a glob for what it matches (``**`` crosses folders); ``-``
-    for standard input; a path with a scheme (``s3://bucket/logs``) for what is in that store.
+    hidden ones, ``plan.csv``, ``dataset.npz`` and folders named ``results``; a glob for what it matches (``**`` crosses
+    folders); ``-`` for standard input; a path with a scheme (``s3://bucket/logs``) for what is in that store.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def is_log(path: str) -> bool:
     return (
         name.lower().endswith(endings())
         and not any(part.startswith(".") for part in (*folders, name))
-        and name != PLAN_NAME
+        and name not in (PLAN_NAME, DATASET)
         and RESULTS_NAME not in folders
     )
 

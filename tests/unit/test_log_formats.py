@@ -12,7 +12,7 @@ from pendulum_sample import numbers, robot
 import pumaid
 from pumaid.dataset import Log
 from pumaid.errors import LogError
-from pumaid.io.formats import json_lines
+from pumaid.io.formats import arrays, json_lines
 from pumaid.io.log_reader import LogReader
 
 STATE = """
@@ -63,7 +63,20 @@ def packed_json(folder, table):
     return ""
 
 
-@pytest.mark.parametrize("write", [list_columns, json_by_name, packed_json], ids=lambda write: write.__name__)
+def numpy_archive(folder, table):
+    """Arrays called as canonical columns are: by row, by column, packed and turned; and a dataset, which is no log."""
+    q, i = table[["q1", "q2"]].to_numpy(), table[["i1", "i2"]].to_numpy()
+    np.savez_compressed(
+        folder / "log.npz", t=table["t"], q=np.ascontiguousarray(q), i=np.asfortranarray(i), tool=np.eye(3), name="x"
+    )
+    (folder / "dataset.npz").write_bytes(b"")
+    return ""
+
+
+WRITERS = [list_columns, json_by_name, packed_json, numpy_archive]
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
 def test_a_file_gives_what_its_csv_gives(tmp_path, write, from_csv):
     """Identified from the folder that holds it, to the last digits."""
     table, expected = from_csv
@@ -99,7 +112,7 @@ def test_json_is_read_in_blocks(tmp_path, monkeypatch):
         (b'{"t": 0}\n\n[1, 2]\n', "not-a-log", 3),
         (b'{"t": 0, "q": ["a", "b"], "i": [1, 2]}\n', "not-a-number", None),
         (b'{"t": ' + b"[" * 100_000 + b"]" * 100_000 + b"}\n", "not-a-log", 1),
-        (b'{"t": ' + b" " * (9 << 20) + b"0}\n", "not-a-log", 1),
+        (b'{"t": ' + b" " * (9 << 20) + b"0}\n", "not-a-log", None),
         (gzip.compress(b'{"t": 0}\n' * 1000)[:-12], "file-not-readable", None),
         (b'{\n  "t": 0\n}\n', "not-a-log", None),
     ],
@@ -111,3 +124,41 @@ def test_what_is_no_json_lines_is_refused(tmp_path, content, slug, row):
     with pytest.raises(LogError) as caught:
         read(tmp_path / "a.jsonl", robot(tmp_path))
     assert (caught.value.slug, caught.value.where.row) == (slug, row) and caught.value.mend
+
+
+def archive(folder, **changes):
+    """A small archive of the pendulum's columns, some of them changed."""
+    columns = {"t": np.arange(90) * 0.1, "q": np.zeros((90, 2)), "i": np.arange(180.0).reshape(90, 2)}
+    np.savez(folder / "log.npz", **{**columns, **changes})
+    return folder / "log.npz"
+
+
+@pytest.mark.parametrize("rows", [7, 90, 1000])
+def test_arrays_are_read_in_blocks(tmp_path, rows, monkeypatch):
+    """Of any type, turned or by column, in blocks of any size."""
+    monkeypatch.setattr(arrays, "_BATCH_ROWS", rows)
+    current = np.arange(180).reshape(2, 90).astype(">i2")
+    path = archive(tmp_path, i=current, q=np.asfortranarray(np.ones((90, 2), "f2")))
+    log, _ = read(path, robot(tmp_path))
+    assert np.array_equal(log.current, current.T) and np.array_equal(log.rows, np.arange(2, 92))
+    assert np.array_equal(log.position, np.ones((90, 2)))
+
+
+def test_damaged_arrays_are_refused(tmp_path):
+    """Arrays of other lengths, cut files, altered bytes: one message, with a mend, or the numbers."""
+    arm = robot(tmp_path)
+    with pytest.raises(LogError, match="i1 has 91"):
+        read(archive(tmp_path, i=np.zeros((91, 2))), arm)
+    with pytest.raises(LogError, match="no column i1, i2; it has t, q1, q2"):
+        read(archive(tmp_path, i=np.array(["1"] * 90)), arm)
+    rng, place = np.random.default_rng(4), tmp_path / "damaged"
+    expected, _ = read(archive(tmp_path), arm)
+    whole = (tmp_path / "log.npz").read_bytes()
+    for at in rng.integers(20, len(whole), 150):
+        place.write_bytes(whole[:at] + (bytes([whole[at] ^ 255]) + whole[at + 1 :] if at % 3 else b""))
+        try:
+            log, _ = read(place, arm)
+        except LogError as error:
+            assert error.slug in ("file-not-readable", "not-a-log", "column-missing") and error.mend
+        else:
+            assert np.array_equal(log.current, expected.current)

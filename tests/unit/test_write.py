@@ -141,7 +141,10 @@ def folder(tmp_path: Path) -> Path:
     """An experiment's folder with logs, and with what is none."""
     folder = tmp_path / "results" / "robot 7" / "ü %41 #x?[1]"
     logs = "run_10.csv|run_2.csv|run_1.parquet|day 2/é.CSV|day 2/a.csv.gz|dir.csv/inner.csv"
-    for name in (*logs.split("|"), *["notes.txt", "plan.csv", ".hidden.csv", "results/table.csv", ".cache/old.csv"]):
+    for name in (
+        *logs.split("|"),
+        *["notes.txt", "plan.csv", "dataset.npz", ".hidden.csv", "results/table.csv", ".cache/old.csv"],
+    ):
         (folder / name).parent.mkdir(exist_ok=True, parents=True)
         (folder / name).write_text("t\n")
     return folder

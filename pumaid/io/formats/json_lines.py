@@ -1,6 +1,5 @@
 """Logs in lines of JSON, an object a sample, read by Arrow in blocks, so that memory does not grow with the file."""
 
-import json
 import re
 import zlib
 from collections.abc import Iterator, Sequence
@@ -13,10 +12,10 @@ from pumaid.errors import LogError, Note, Where
 from pumaid.io.formats import Batch, LogColumn, LogSource
 from pumaid.io.formats.nested import leaves, log_column, table
 
-#: Bytes that are parsed at a time; no line is longer.
+#: Bytes that are parsed at a time; a line of twice as many is refused.
 _BLOCK_BYTES = 4 << 20
-#: Lists and objects in each other at most: thousands would end Arrow's parser, and with it the program.
-_DEEPEST = 64
+#: Lists and objects on a line at most: tens of thousands in each other end Arrow's parser, and with it the program.
+_MOST_LISTS = 1000
 _ROW = re.compile(r" in row (\d+)")
 _MEND = "write an object on each line, its keys with values of the same kind on all of them"
 
@@ -57,45 +56,35 @@ class JsonLog(LogSource):
             while block := bytes(stream.read(_BLOCK_BYTES)):
                 text, end, rest = (rest + block).rpartition(b"\n")
                 if len(rest) > _BLOCK_BYTES:
-                    what = f"a line of {self.name} has more than {_BLOCK_BYTES >> 20} MB"
-                    raise LogError("not-a-log", what, Where(file=self.name, row=first), _MEND)
+                    raise LogError("not-a-log", f"a line of {self.name} is too long", Where(file=self.name), _MEND)
                 lines = text.split(b"\n") if end else []
                 yield from self._parsed(first, lines)
                 first += len(lines)
         try:
-            json.loads(rest or b"0")
-        except ValueError:
+            yield from self._parsed(first, [rest])
+        except LogError:
             cut = f"row {first} is cut off (recording stopped) and is left out"
             self.notes = [Note("bad-samples", cut, Where(file=self.name, row=first))]
-        else:
-            yield from self._parsed(first, [rest])
 
     def _parsed(self, first: int, lines: Sequence[bytes]) -> Iterator[tuple[Sequence[int], dict[str, Any]]]:
         import pyarrow as pa
         from pyarrow import json as arrow_json
 
-        filled = [(row, line) for row, line in enumerate(lines, start=first) if line.strip(b"\r \t\xef\xbb\xbf")]
-        if not filled:
-            return
-        for row, line in filled:
-            if line.count(b"[") + line.count(b"{") > _DEEPEST and _depth(line) > _DEEPEST:
-                what = f"line {row} of {self.name} has lists or objects {_DEEPEST} deep in each other"
-                raise LogError("not-a-log", what, Where(file=self.name, row=row), _MEND)
-        text = b"\n".join(line for _, line in filled).removeprefix(b"\xef\xbb\xbf")
-        options = arrow_json.ReadOptions(use_threads=False, block_size=len(text) + 1)
+        rows = [row for row, line in enumerate(lines, start=first) if line.strip(b"\r \t\xef\xbb\xbf")]
+        filled = [lines[row - first] for row in rows]
+        text = b"\n".join(filled).removeprefix(b"\xef\xbb\xbf")
         try:
-            read = arrow_json.read_json(pa.BufferReader(text), options)
-        except pa.ArrowInvalid as error:
+            if crowded := [k for k, line in enumerate(filled) if line.count(b"[") + line.count(b"{") > _MOST_LISTS]:
+                raise ValueError(f"it has more than {_MOST_LISTS} lists and objects in row {crowded[0]}")
+            text.decode()
+            options = arrow_json.ReadOptions(use_threads=False, block_size=len(text) + 1)
+            read = arrow_json.read_json(pa.BufferReader(text), options) if filled else pa.table({})
+            if read.num_rows != len(rows):
+                raise ValueError("objects do not end where lines end")
+        except ValueError as error:  # Arrow's and the decoder's are of this kind, too
             match = _ROW.search(str(error))
-            row = filled[int(match[1])][0] if match and int(match[1]) < len(filled) else first
-            what = f"line {row} of {self.name} is no sample: {str(error).splitlines()[0][:150]}"
+            row = rows[min(int(match[1]), len(rows) - 1)] if match else None
+            what = f"a line of {self.name} is no sample: {_ROW.sub('', str(error))[:150]}"
             raise LogError("not-a-log", what, Where(file=self.name, row=row), _MEND) from error
-        columns = {name: read.column(name).combine_chunks() for name in read.column_names}
-        yield [row for row, _ in filled], columns
-
-
-def _depth(line: bytes) -> int:
-    """How deep lists and objects stand in each other, those in texts among them."""
-    letters = np.frombuffer(line, dtype=np.uint8)
-    steps = np.isin(letters, list(b"[{")).astype(int) - np.isin(letters, list(b"]}"))
-    return int(np.cumsum(steps).max())
+        if rows:
+            yield rows, {name: read.column(name).combine_chunks() for name in read.column_names}

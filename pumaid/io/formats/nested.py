@@ -28,10 +28,8 @@ def leaves(columns: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, tu
     A field is called ``path.key``, an element of a list ``path[0]``; beside a list of texts that is called ``name``,
     element and name belong together whatever their order: ``path/elbow/effort``.
     """
-    import pyarrow as pa
-
     names = columns.get(_NAMES)
-    has_names = names is not None and _is_list(names.type) and pa.types.is_string(names.type.value_type)
+    has_names = names is not None and _is_list(names.type) and str(names.type.value_type) == "string"
     for key, column in columns.items():
         if has_names and _is_list(column.type):
             for joint, places in _places_by_name(names) if key != _NAMES else ():
@@ -66,21 +64,18 @@ def _numbers(column: Any, name: str, file: str) -> Floats:
         return floats(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         what = f"column {name} holds {column.type}, not numbers: {str(error).splitlines()[0][:100]}"
-        mend = "write it as numbers, a column for each joint"
-        raise LogError("not-a-number", what, Where(file=file, column=name), mend) from error
+        raise LogError(
+            "not-a-number", what, Where(file=file, column=name), "write it as numbers, a column for each joint"
+        ) from error
 
 
 def log_column(name: str, kind: Any) -> LogColumn:
     """The column of this Arrow type; time stamps and durations have a unit of their own."""
-    import pyarrow as pa
-
-    return LogColumn(name, kind.unit if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) else "")
+    return LogColumn(name, kind.unit if str(kind).startswith(("timestamp", "duration")) else "")
 
 
 def _inner(path: str, column: Any) -> Iterator[tuple[str, Any]]:
-    import pyarrow as pa
-
-    if pa.types.is_struct(column.type):
+    if str(column.type).startswith("struct<"):
         fields = dict(zip((field.name for field in column.type), column.flatten(), strict=True))
         yield from ((name, values) for name, _, values in leaves(fields, path))
     elif _is_list(column.type):
@@ -92,9 +87,7 @@ def _inner(path: str, column: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _is_list(kind: Any) -> bool:
-    import pyarrow as pa
-
-    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+    return str(kind).startswith(("list<", "large_list<", "fixed_size_list<"))
 
 
 def _sizes(column: Any) -> Counts:
@@ -125,6 +118,6 @@ def _places_by_name(names: Any) -> Iterator[tuple[str, Counts]]:
     rows = np.repeat(np.arange(len(names)), sizes)
     indices = np.arange(len(codes)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     for code, name in enumerate(encoded.dictionary.to_pylist()[:MOST_ELEMENTS]):
-        places, is_it = np.full(len(names), -1), codes == code
-        places[rows[is_it]] = indices[is_it]
+        places = np.full(len(names), -1)
+        places[rows[codes == code]] = indices[codes == code]
         yield name, places

@@ -29,7 +29,8 @@ class ParquetLog(LogSource):
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        with refusing(self.name, (pa.ArrowException, OSError)):
+        self._kinds = (pa.ArrowException, OSError, UnicodeDecodeError)
+        with refusing(self.name, self._kinds):
             self._file = pq.ParquetFile(
                 pa.OSFile(os.fsencode(self.path)),
                 buffer_size=_BUFFER_BYTES,
@@ -40,24 +41,21 @@ class ParquetLog(LogSource):
             nested = [field.name for field in fields if pa.types.is_nested(field.type)]
             batches = self._file.iter_batches(_PROBE_ROWS, columns=nested, use_threads=False) if nested else iter(())
             head = next(batches, None)
-        flat = [log_column(field.name, field.type) for field in fields if field.name not in nested]
-        inner = [*leaves({name: head.column(name) for name in nested})] if head is not None else []
+            inner = [*leaves({name: head.column(name) for name in nested})] if head is not None else []
+            flat = [log_column(field.name, field.type) for field in fields if field.name not in nested]
         self._keys = {name: keys for name, keys, _ in inner} | {column.name: (column.name,) for column in flat}
         return [*flat, *(log_column(name, values.type) for name, _, values in inner)]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`."""
-        import pyarrow as pa
-
         first = 2
         columns = list(dict.fromkeys(key for name in names for key in self._keys[name]))
         batches = self._file.iter_batches(_BATCH_ROWS, columns=columns, use_threads=False)
         while True:
-            with refusing(self.name, (pa.ArrowException, OSError)):
+            with refusing(self.name, self._kinds):
                 batch = next(batches, None)
-            if batch is None:
-                return
-            yield Batch(
-                first + np.arange(batch.num_rows), table({key: batch.column(key) for key in columns}, names, self.name)
-            )
+                if batch is None:
+                    return
+                values = table({key: batch.column(key) for key in columns}, names, self.name)
+            yield Batch(first + np.arange(batch.num_rows), values)
             first += batch.num_rows

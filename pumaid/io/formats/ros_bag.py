@@ -3,7 +3,7 @@
 import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,11 +21,11 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 _ARRAYS = ("position", "velocity", "effort")
 #: Messages decoded at a time, and messages of each topic from which the names of its joints are taken.
 _BATCH, _PROBE = 16384, 500
-#: s; what stands in other messages is interpolated between two that are no farther apart, and these are waited for.
-_APART, _WAIT = 0.25, 1.0
+#: s; what stands in other messages is interpolated between two that are no farther apart.
+_APART = 0.25
 #: Bytes in which a message has its stamp (s and ns), in ROS 1 and 2; the name of the frame follows.
 _STAMP = slice(4, 12)
-#: ns.
+#: ns; so long what stands in other messages is waited for.
 _SECOND = 10**9
 _MEND = (
     "copy it again; a recording that was stopped midway is repaired by 'ros2 bag reindex', 'mcap recover' or 'rosbag"
@@ -33,26 +33,16 @@ _MEND = (
 )
 
 
-class Message(NamedTuple):
-    """A joint state as it was recorded: its topic, when it was received (s), and its bytes."""
-
-    topic: str
-    received: float
-    data: bytes
-
-
 class Layout(NamedTuple):
     """Where a message has what: joints' `names`, the `end` of these, and place and number of each array's values.
 
-    Messages that agree in the (L,) bytes that are `fixed` have the same layout. `order` is that of the bytes of a
-    number (``<`` or ``>``).
+    Messages that agree in the (L,) bytes that are `fixed` have the same layout.
     """
 
     names: tuple[str, ...]
     end: int
     arrays: dict[str, tuple[int, int]]
     fixed: Flags
-    order: str
 
 
 class BagLog(LogSource):
@@ -79,27 +69,22 @@ class BagLog(LogSource):
             No topic has joint states, the recording is damaged, or the package that reads it is not installed.
         """
         self._columns: dict[str, tuple[str, str, str]] = {}
-        self._has_stamps: dict[str, bool] = {}
         self._joined: set[str] = set()
         counts: Counter[str] = Counter()
         with self._opened() as reader:
-            for connection in reader.connections:
-                counts[connection.topic] += connection.msgcount
-                for message in self._taken(self._messages(reader, [connection]), _PROBE):
-                    layout = self._layout(message)
-                    self._columns |= {
-                        f"{message.topic}/{name}/{array}": (message.topic, name, array)
-                        for name in layout.names
-                        for array in layout.arrays
-                    }
+            for item in reader.connections:
+                counts[item.topic] += item.msgcount
+                states = reader.messages([item]) if item.msgtype == _JOINT_STATE else iter(())
+                for layout in map(self._layout, self._taken(states, _PROBE)):
+                    names = ((item.topic, name, array) for name in layout.names for array in layout.arrays)
+                    self._columns |= {"/".join(parts): parts for parts in names}
         topics = {topic for topic, *_ in self._columns.values()}
         rest = sorted({*counts} - topics)
         if not topics:
             what = f"{self.name} has no message of {_JOINT_STATE}; its topics: {listed(rest) or 'none'}"
             raise LogError("not-a-log", what, Where(file=self.name), "record the joints' topic (/joint_states)")
-        if rest:
-            text = f"{sum(counts[topic] for topic in rest)} messages of other topics are passed over: {listed(rest)}"
-            self.notes.append(Note("topics", text, Where(file=self.name)))
+        text = f"{sum(counts[topic] for topic in rest)} messages of other topics are passed over: {listed(rest)}"
+        self.notes = [Note("topics", text, Where(file=self.name))] if rest else []
         return [LogColumn("t", "s"), *map(LogColumn, self._columns)]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
@@ -113,27 +98,24 @@ class BagLog(LogSource):
         columns = [name for name in names if name in self._columns]
         topics = {self._columns[name][0] for name in columns}
         places = [1 + columns.index(name) if name in self._columns else 0 for name in names]
-        pending: list[Message] = []
+        pending: list[Any] = []
         n_rows = n_done = 0
         with self._opened() as reader:
-            messages = self._messages(reader, [item for item in reader.connections if item.topic in topics])
-            is_end = False
+            states = [item for item in reader.connections if item.topic in topics and item.msgtype == _JOINT_STATE]
+            messages, is_end = reader.messages(states), False
             while not is_end:
                 more = self._taken(messages, _BATCH)
                 is_end = len(more) < _BATCH
                 pending += more
-                received = np.array([message.received for message in pending])
-                n_ready = len(pending) if is_end else int(np.searchsorted(received, received[-1] - _WAIT))
-                if n_ready <= n_done:
-                    continue
-                table = self._table(pending, columns, slice(n_done, n_ready))
-                yield Batch(n_rows + 1 + np.arange(table.shape[1]), table[places])
-                n_rows += table.shape[1]
-                cut = 0 if is_end else int(np.searchsorted(received, received[n_ready] - _WAIT))
-                pending, n_done = pending[cut:], n_ready - cut
-        if self._joined:
-            text = f"{listed(sorted(self._joined))} interpolated to the times of {columns[0]}"
-            self.notes.append(Note("topics", text, Where(file=self.name)))
+                received = np.array([time for _, time, _ in pending], dtype=np.int64)
+                n_ready = len(pending) if is_end else int(np.searchsorted(received, received[-1] - _SECOND))
+                if n_ready > n_done:
+                    table = self._table(pending, columns, slice(n_done, n_ready))
+                    yield Batch(n_rows + 1 + np.arange(table.shape[1]), table[places])
+                    cut = 0 if is_end else int(np.searchsorted(received, received[n_ready] - _SECOND))
+                    pending, n_rows, n_done = pending[cut:], n_rows + table.shape[1], n_ready - cut
+        text = f"{listed(sorted(self._joined))} interpolated to the times of {columns[0]}"
+        self.notes += [Note("topics", text, Where(file=self.name))] if self._joined else []
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -149,103 +131,81 @@ class BagLog(LogSource):
             what = f"{self.name} is a recording of ROS, and the package rosbags, which reads it, is not installed"
             raise LogError("file-not-readable", what, Where(file=self.name), "pip install 'pumaid[ros]'") from error
         with refusing(self.name, mend=_MEND):
-            if self._is_ros1:
-                reader: Any = rosbag1.Reader(self.path)
-            else:
-                # The name of a database becomes part of an address, in which % and ? have a meaning.
-                reader = McapReader(self.path) if head.startswith(_MCAP) else Sqlite3Reader(Path(quote(str(self.path))))
+            kind: Any = rosbag1.Reader if self._is_ros1 else McapReader if head.startswith(_MCAP) else Sqlite3Reader
+            # The name of a database becomes part of an address, in which % and ? have a meaning.
+            reader = kind(Path(quote(str(self.path))) if kind is Sqlite3Reader else self.path)
             reader.open()
-        try:
+        with closing(reader):
             yield reader
-        finally:
-            reader.close()
 
-    def _messages(self, reader: Any, connections: Sequence[Any]) -> Iterator[Message]:
-        """The joint states of some connections in the order in which they were received."""
-        connections = [connection for connection in connections if connection.msgtype == _JOINT_STATE]
-        for connection, nanoseconds, data in reader.messages(connections) if connections else ():
-            yield Message(connection.topic, nanoseconds / _SECOND, data)
-
-    def _taken(self, messages: Iterator[Message], count: int) -> list[Message]:
-        """The next messages, fewer than `count` at the end alone."""
+    def _taken(self, messages: Iterator[Any], count: int) -> list[Any]:
+        """The next messages (connection, ns when it was received, bytes), fewer than `count` at the end alone."""
         with refusing(self.name, mend=_MEND):
             return list(islice(messages, count))
 
-    def _layout(self, message: Message) -> Layout:
+    def _layout(self, message: Any) -> Layout:
         with refusing(self.name, (struct.error, ValueError), mend=_MEND):
-            return _ros1_layout(message.data) if self._is_ros1 else _cdr_layout(message.data)
+            return _layout(message[2], is_ros1=self._is_ros1)
 
-    def _table(self, messages: Sequence[Message], columns: Sequence[str], ready: slice) -> Floats:
+    def _table(self, messages: Sequence[Any], columns: Sequence[str], ready: slice) -> Floats:
         """(1 + C, R) time and values of those messages among `ready` ones that have the first column."""
         table = np.full((1 + len(columns), len(messages)), np.nan)
         is_there = np.zeros(table.shape, dtype=bool)
         for members, layout, data in self._alike(messages):
-            topic = messages[members[0]].topic
+            topic = messages[members[0]][0].topic
             # In whole nanoseconds, so that 0.575 s is the number that a text log has.
-            stamps = data[:, _STAMP].copy().view(f"{layout.order}u4").astype(np.int64) @ (_SECOND, 1) / _SECOND
-            has_stamps = self._has_stamps.setdefault(topic, bool(stamps.any()))
-            table[0, members] = stamps if has_stamps else [messages[k].received for k in members]
+            stamps = data[:, _STAMP].copy().view("<u4").astype(np.int64) @ (_SECOND, 1) / _SECOND
+            table[0, members] = stamps if stamps.any() else [messages[k][1] / _SECOND for k in members]
             for row, (wanted, joint, array) in enumerate(map(self._columns.__getitem__, columns), start=1):
                 place, count = layout.arrays.get(array, (0, 0))
                 index = layout.names.index(joint) if wanted == topic and joint in layout.names else count
                 if index < count:
-                    numbers = data[:, place + 8 * index : place + 8 * index + 8].copy().view(f"{layout.order}f8")
+                    numbers = data[:, place + 8 * index : place + 8 * index + 8].copy().view("<f8")
                     table[row, members], is_there[row, members] = numbers[:, 0], True
         rows = np.flatnonzero(is_there[1, ready]) + ready.start
         result = table[:, rows]
         for row in range(2, len(table)):
-            absent = ~is_there[row, rows]
-            if absent.any():
-                places = np.flatnonzero(is_there[row])
+            absent, places = ~is_there[row, rows], np.flatnonzero(is_there[row])
+            if absent.any() and len(places):
                 self._joined.add(columns[row - 1])
                 result[row, absent] = _interpolated(result[0, absent], table[0, places], table[row, places])
         return result
 
-    def _alike(self, messages: Sequence[Message]) -> Iterator[tuple[Counts, Layout, Any]]:
+    def _alike(self, messages: Sequence[Any]) -> Iterator[tuple[Counts, Layout, Any]]:
         """Messages of one layout and topic at a time: (M,) indices, the layout, and (M, L) their bytes."""
         pending = list(range(len(messages)))
         while pending:
             end = self._layout(messages[pending[0]]).end
             groups = defaultdict(list)
             for k in pending:
-                topic, _, data = messages[k]
-                groups[topic, len(data), data[_STAMP.stop : end]].append(k)
+                connection, _, data = messages[k]
+                groups[connection.topic, len(data), data[_STAMP.stop : end]].append(k)
             pending = []
             for group in groups.values():
                 layout = self._layout(messages[group[0]])
-                table = np.frombuffer(b"".join(messages[k].data for k in group), dtype=np.uint8)
-                table = table.reshape(len(group), -1)
+                data = b"".join(messages[k][2] for k in group)
+                table, members = np.frombuffer(data, dtype=np.uint8).reshape(len(group), -1), np.array(group)
                 is_alike = (table[:, layout.fixed] == table[0, layout.fixed]).all(axis=1)
-                members = np.array(group)
                 yield members[is_alike], layout, table[is_alike]
                 pending += members[~is_alike].tolist()
 
 
-def _cdr_layout(data: bytes) -> Layout:
-    """The layout of a message of ROS 2: numbers lie at multiples of their size, counted from the fifth byte.
+def _layout(data: bytes, *, is_ros1: bool) -> Layout:
+    """The layout of a message: in ROS 2 numbers lie at multiples of their size, in ROS 1 all parts side by side.
 
     Source: OMG, DDS Interoperability Wire Protocol 2.5, chapter 10 (CDR with a header of four bytes).
     """
-    if data[:2] not in (b"\0\0", b"\0\1"):
-        raise ValueError("a message is not in plain CDR")
-    return _layout(data, "<" if data[1] else ">", aligned=True)
-
-
-def _ros1_layout(data: bytes) -> Layout:
-    """The layout of a message of ROS 1, in which nothing stands between the parts."""
-    return _layout(data, "<", aligned=False)
-
-
-def _layout(data: bytes, order: str, *, aligned: bool) -> Layout:
+    if not is_ros1 and data[:2] != b"\0\1":
+        raise ValueError("a message is not in plain CDR with the last byte of a number first")
     fixed = np.zeros(len(data), dtype=bool)
     place = _STAMP.stop
 
     def number() -> int:
         nonlocal place
-        place += -place % 4 if aligned else 0
+        place += 0 if is_ros1 else -place % 4
         fixed[place : place + 4] = True
         place += 4
-        return int(struct.unpack_from(f"{order}I", data, place - 4)[0])
+        return int(struct.unpack_from("<I", data, place - 4)[0])
 
     def text() -> str:
         nonlocal place
@@ -260,18 +220,16 @@ def _layout(data: bytes, order: str, *, aligned: bool) -> Layout:
     for array in _ARRAYS:
         count = number()
         if count:
-            place += (4 - place) % 8 if aligned else 0
+            place += 0 if is_ros1 else (4 - place) % 8
             arrays[array] = (place, count)
             place += 8 * count
     if place > len(data):
         raise ValueError("a message breaks off")
-    return Layout(names, end, arrays, fixed, order)
+    return Layout(names, end, arrays, fixed)
 
 
 def _interpolated(at: Floats, times: Floats, values: Floats) -> Floats:
     """(N,) values at some times between (M,) others, NaN where two of these are too far apart."""
-    if not len(times):
-        return np.full(len(at), np.nan)
     order = np.argsort(times, kind="stable")
     times, values = times[order], values[order]
     after = np.searchsorted(times, at).clip(max=len(times) - 1)
