@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import scipy.io
 from pendulum_sample import numbers, robot
 
 import pumaid
@@ -73,7 +74,16 @@ def numpy_archive(folder, table):
     return ""
 
 
-WRITERS = [list_columns, json_by_name, packed_json, numpy_archive]
+def matlab_file(folder, table):
+    """A struct beside other variables, whose matrix has a row a joint."""
+    log = {"t": table["t"].to_numpy(), "q": table[["q1", "q2"]].to_numpy().T, "i": table[["i1", "i2"]].to_numpy()}
+    scipy.io.savemat(folder / "log.mat", {"log": log, "rate": 40.0, "who": "me"}, do_compression=True)
+    return """
+log: {time: log.t, position: "log.q[{joint0}]", current: "log.i[{joint0}]"}
+"""
+
+
+WRITERS = [list_columns, json_by_name, packed_json, numpy_archive, matlab_file]
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
@@ -145,20 +155,27 @@ def test_arrays_are_read_in_blocks(tmp_path, rows, monkeypatch):
 
 
 def test_damaged_arrays_are_refused(tmp_path):
-    """Arrays of other lengths, cut files, altered bytes: one message, with a mend, or the numbers."""
+    """Arrays of other lengths, cut files, altered bytes and MATLAB 7.3: one message, with a mend, or the numbers."""
     arm = robot(tmp_path)
     with pytest.raises(LogError, match="i1 has 91"):
         read(archive(tmp_path, i=np.zeros((91, 2))), arm)
     with pytest.raises(LogError, match="no column i1, i2; it has t, q1, q2"):
         read(archive(tmp_path, i=np.array(["1"] * 90)), arm)
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(90))
+    with pytest.raises(LogError, match="save -v7"):
+        read(tmp_path / "new.mat", arm)
     rng, place = np.random.default_rng(4), tmp_path / "damaged"
     expected, _ = read(archive(tmp_path), arm)
-    whole = (tmp_path / "log.npz").read_bytes()
-    for at in rng.integers(20, len(whole), 150):
-        place.write_bytes(whole[:at] + (bytes([whole[at] ^ 255]) + whole[at + 1 :] if at % 3 else b""))
-        try:
-            log, _ = read(place, arm)
-        except LogError as error:
-            assert error.slug in ("file-not-readable", "not-a-log", "column-missing") and error.mend
-        else:
-            assert np.array_equal(log.current, expected.current)
+    columns = {"t": expected.time, "q1": expected.time, "q2": expected.time, "i": expected.current}
+    scipy.io.savemat(tmp_path / "log.mat", columns, do_compression=True)
+    for path in (tmp_path / "log.npz", tmp_path / "log.mat"):
+        whole = path.read_bytes()
+        assert np.array_equal(read(path, arm)[0].current, expected.current)
+        for at in rng.integers(20, len(whole), 150):
+            place.write_bytes(whole[:at] + (bytes([whole[at] ^ 255]) + whole[at + 1 :] if at % 3 else b""))
+            try:
+                log, _ = read(place, arm)
+            except LogError as error:
+                assert error.slug in ("file-not-readable", "not-a-log", "column-missing") and error.mend
+            else:
+                assert np.array_equal(log.current, expected.current)

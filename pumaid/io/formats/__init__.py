@@ -23,7 +23,7 @@ _FOREIGN = {
     b"PK\x03\x04": "a spreadsheet or zip archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook",
     b"\x89HDF": "an HDF5 file",
-    b"MATLAB": "a MATLAB file",
+    b"MATLAB": "a MATLAB 7.3 file (save -v7 makes one that is read)",
     b"\x28\xb5\x2f\xfd": "compressed by zstd (gzip is read as it is)",
     b"\xfd7zXZ\x00": "compressed by xz (gzip is read as it is)",
     b"BZh": "compressed by bzip2 (gzip is read as it is)",

@@ -63,8 +63,8 @@ class JsonLog(LogSource):
         try:
             yield from self._parsed(first, [rest])
         except LogError:
-            cut = f"row {first} is cut off (recording stopped) and is left out"
-            self.notes = [Note("bad-samples", cut, Where(file=self.name, row=first))]
+            where = Where(file=self.name, row=first)
+            self.notes = [Note("bad-samples", f"row {first} is cut off (recording stopped) and is left out", where)]
 
     def _parsed(self, first: int, lines: Sequence[bytes]) -> Iterator[tuple[Sequence[int], dict[str, Any]]]:
         import pyarrow as pa
@@ -84,7 +84,11 @@ class JsonLog(LogSource):
         except ValueError as error:  # Arrow's and the decoder's are of this kind, too
             match = _ROW.search(str(error))
             row = rows[min(int(match[1]), len(rows) - 1)] if match else None
-            what = f"a line of {self.name} is no sample: {_ROW.sub('', str(error))[:150]}"
-            raise LogError("not-a-log", what, Where(file=self.name, row=row), _MEND) from error
+            raise LogError(
+                "not-a-log",
+                f"a line of {self.name} is no sample: {_ROW.sub('', str(error))[:150]}",
+                Where(file=self.name, row=row),
+                _MEND,
+            ) from error
         if rows:
             yield rows, {name: read.column(name).combine_chunks() for name in read.column_names}

@@ -76,13 +76,20 @@ class BagLog(LogSource):
                 counts[item.topic] += item.msgcount
                 states = reader.messages([item]) if item.msgtype == _JOINT_STATE else iter(())
                 for layout in map(self._layout, self._taken(states, _PROBE)):
-                    names = ((item.topic, name, array) for name in layout.names for array in layout.arrays)
-                    self._columns |= {"/".join(parts): parts for parts in names}
+                    self._columns |= {
+                        f"{item.topic}/{name}/{array}": (item.topic, name, array)
+                        for name in layout.names
+                        for array in layout.arrays
+                    }
         topics = {topic for topic, *_ in self._columns.values()}
         rest = sorted({*counts} - topics)
         if not topics:
-            what = f"{self.name} has no message of {_JOINT_STATE}; its topics: {listed(rest) or 'none'}"
-            raise LogError("not-a-log", what, Where(file=self.name), "record the joints' topic (/joint_states)")
+            raise LogError(
+                "not-a-log",
+                f"{self.name} has no message of {_JOINT_STATE}; its topics: {listed(rest) or 'none'}",
+                Where(file=self.name),
+                "record the joints' topic (/joint_states)",
+            )
         text = f"{sum(counts[topic] for topic in rest)} messages of other topics are passed over: {listed(rest)}"
         self.notes = [Note("topics", text, Where(file=self.name))] if rest else []
         return [LogColumn("t", "s"), *map(LogColumn, self._columns)]
@@ -128,8 +135,12 @@ class BagLog(LogSource):
             from rosbags.rosbag2.storage_mcap import McapReader
             from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
         except ImportError as error:
-            what = f"{self.name} is a recording of ROS, and the package rosbags, which reads it, is not installed"
-            raise LogError("file-not-readable", what, Where(file=self.name), "pip install 'pumaid[ros]'") from error
+            raise LogError(
+                "file-not-readable",
+                f"{self.name} is a recording of ROS, and the package rosbags, which reads it, is not installed",
+                Where(file=self.name),
+                "pip install 'pumaid[ros]'",
+            ) from error
         with refusing(self.name, mend=_MEND):
             kind: Any = rosbag1.Reader if self._is_ros1 else McapReader if head.startswith(_MCAP) else Sqlite3Reader
             # The name of a database becomes part of an address, in which % and ? have a meaning.
@@ -200,19 +211,19 @@ def _layout(data: bytes, *, is_ros1: bool) -> Layout:
     fixed = np.zeros(len(data), dtype=bool)
     place = _STAMP.stop
 
+    def taken(size: int) -> bytes:
+        nonlocal place
+        fixed[place : place + size] = True
+        place += size
+        return data[place - size : place]
+
     def number() -> int:
         nonlocal place
         place += 0 if is_ros1 else -place % 4
-        fixed[place : place + 4] = True
-        place += 4
-        return int(struct.unpack_from("<I", data, place - 4)[0])
+        return int(struct.unpack("<I", taken(4))[0])
 
     def text() -> str:
-        nonlocal place
-        size = number()
-        place += size
-        fixed[place - size : place] = True
-        return data[place - size : place].rstrip(b"\0").decode(errors="replace")
+        return taken(number()).rstrip(b"\0").decode(errors="replace")
 
     text()
     names = tuple(text() for _ in range(number()))
