@@ -21,13 +21,13 @@ from pumaid.diagnosis.score_test import (
     sign_flips,
 )
 from pumaid.effect_spec import EffectTerm, marked
-from pumaid.effects import Effect, catalogue
+from pumaid.effects import Effect, Family, catalogue
 from pumaid.errors import ModelError
 from pumaid.estimation.fit import Fit, Projector, at_bins, loaded
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
-from pumaid.maths import Floats
+from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 
 #: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
@@ -35,8 +35,8 @@ from pumaid.model import Model
 LEVEL = 0.03
 #: Chance beyond which a candidate is not looked at closely.
 FAR = 0.3
-#: Standard errors by which held-out error must fall.
-STEADY = 1.0
+#: Standard errors by which held-out error must fall, and beyond which a sign is no chance.
+STEADY, DOUBT = 1.0, 3.0
 #: Share by which an effect must lower the RMSE of some joint to be worth a parameter: far below what a user would mind,
 #: since fast waves well beyond chance may hide deep in slow noise.
 WORTH = 0.0005
@@ -45,8 +45,9 @@ DECISIVE = 10.0
 #: Share of the whitened square that no effect takes away but by rounding.
 EXACT = 1e-9
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
-#: Shapes within this share are one where a joint may have an effect several times.
-SAME, ALIKE = 0.5, 0.01
+#: Shapes within this share are one where a joint may have an effect several times. Share of a statistic that a law
+#: which is not exact may lack.
+SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
 #: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
 #: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called
 #: unexplained.
@@ -117,20 +118,41 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
     runs = [len(row.bins.runs) for row in on.joints]
     remaining = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
     gain = max(on.size - on.rank, 1) * float(np.log(on.square / remaining)) if trial.statistic > 0.0 else 0.0
-    return gain - (trial.width + len(trial.added.shape)) * float(np.log(max(sum(runs) / len(runs), 2.0)))
+    # Parameters that the model absorbs are not counted.
+    return gain - ((np.count_nonzero(trial.sizes) or trial.width) + len(trial.added.shape)) * float(
+        np.log(max(sum(runs) / len(runs), 2.0))
+    )
 
 
 def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
-    projector, out = Projector(on), dict[int, Floats]()
-    plain = projector.columns([trial.added])
-    if not plain:
-        return out
-    turned = on.inverse @ projector.crossed(projector.whitened(plain))
+    (plain, turned), out = _turned(on, trial), dict[int, Floats]()
     for joint, columns in plain.items():
         row = on.by_bin[joint]
         out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
     return out
+
+
+def drives(on: Fit, trial: ScoreTest) -> bool:
+    """Whether friction with this effect, all else refitted, has Coulomb friction that drives the motion beyond doubt.
+
+    Such a friction is none: a fall from a height beyond all friction, say, is only another curve of speed.
+    """
+    name, size = f"coulomb.j{trial.added.joint}.", len(on.values) * trial.added.effect.opposes_motion
+    way = np.array([(x == f"{name}plus") - 1.0 * (x == f"{name}minus") for x in on.model.names[:size]])
+    turned = way @ _turned(on, trial)[1][:size]
+    before, after = float(way @ on.values[:size]), float(way @ on.values[:size] - turned @ trial.sizes)
+    spread = way @ on.inverse[:size, :size] @ way + turned @ pseudo_inverse(trial.information)[0] @ turned
+    return bool(before * after < 0.0 and after**2 > DOUBT**2 * on.scale * spread)
+
+
+def _turned(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
+    """(N, V) columns of an effect by joint, and (P, V) what of each parameter the fit has in their place."""
+    projector = Projector(on)
+    plain = projector.columns([trial.added])
+    if not plain:
+        return {}, np.zeros((len(on.inverse), trial.width))
+    return plain, on.inverse @ projector.crossed(projector.whitened(plain))
 
 
 def rmse(bins: JointBins, misfit: Floats) -> float:
@@ -263,11 +285,10 @@ class Stepwise:
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)
-        evaluated = [self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances)]
-        evaluated.sort(key=lambda item: -item.log_odds)
+        judged = (self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances))
+        evaluated = sorted((item for item in judged if item is not None), key=lambda item: -item.log_odds)
         chosen = next((item for item in evaluated if item.fault is None), None)
-        if chosen is not None:
-            chosen = self._named(chosen, evaluated, added)
+        chosen = None if chosen is None else self._named(chosen, evaluated, added)
         return Step(table, chances, chosen, tuple(evaluated))
 
     def _named(
@@ -334,12 +355,19 @@ class Stepwise:
         """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
 
         A rival predicts runs that were left out, has nothing left to explain once `chosen` is in, and is not decisively
-        less likely.
+        less likely. In one posture load and position change together: how exact either law is decides there.
         """
         out = []
         for other in evaluated:
             is_good = other.predicts and not (other.transfer is not None and other.transfer.is_denied)
-            if other.key == chosen.key or not is_good or chosen.log_odds - other.log_odds > DECISIVE:
+            is_mixed = (
+                {x.trial.added.effect.family for x in (chosen, other)} == {Family.LOAD, Family.POSITION}
+                and other.key[1] == chosen.key[1]
+                and len(chosen.on.by_bin[chosen.key[1] or 0].bins.postures) == 1
+                and other.trial.statistic > ALMOST * chosen.trial.statistic
+            )
+            lead = 0.0 if is_mixed else chosen.log_odds - other.log_odds
+            if other.key == chosen.key or not is_good or lead > DECISIVE:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
@@ -352,9 +380,17 @@ class Stepwise:
             return solved
         return at_bins(solved, next(bins for bins in self._bins[1] if bins.joint == term.joint))
 
-    def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate:
-        """Judge a candidate at its best on the grid (what the flips were compared with), and refined."""
+    def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate | None:
+        """Judge a candidate at its best on the grid (what the flips were compared with), and refined.
+
+        None where it is no friction with any shape.
+        """
         trial = refine_shape(Projector(on), grid)
+        if drives(on, trial):
+            tests = [test for test in table.trials if test.added.key == trial.added.key and not drives(on, test)]
+            if not tests:
+                return None
+            trial = max(tests, key=lambda test: test.statistic)
         chance = chances.p_value(grid.added.key, grid.surprise(on.scale))
         residuals = misfit_with(on, trial)
         before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
@@ -390,7 +426,8 @@ class Stepwise:
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:
                 better = self._judged(table, top, solved, chances=chances)
-                self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
+                if better is not None:
+                    self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
             place += 1
 
 

@@ -126,6 +126,11 @@ class Extent:
     current: float  # largest absolute current that the model predicts, A
 
     @property
+    def fastest(self) -> float:
+        """Largest speed, rad/s or m/s."""
+        return self.speeds[-1]
+
+    @property
     def half_wave(self) -> float:
         """Radians of phase per rad or m of a wave that goes through half a period over all positions."""
         return math.pi / max(self.position[1] - self.position[0], 0.01)

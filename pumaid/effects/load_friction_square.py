@@ -1,7 +1,6 @@
 """Friction that grows with the square of the load."""
 
-from pumaid.effects import Effect, Family, Parameter, load_refusal
-from pumaid.robot import Robot
+from pumaid.effects import RARE, Effect, Family, Parameter
 
 
 class LoadFrictionSquare(Effect):
@@ -19,7 +18,6 @@ class LoadFrictionSquare(Effect):
     family = Family.LOAD
     seen_in = "runs both ways under much and little load: stretched and folded postures, a payload"
     look_alikes = ("load_friction", "torque_droop", "saturation")
+    prior_odds = RARE
+    only_loaded = True
     linear = (Parameter("a", "1/A", "friction at a load of 1 A", "a{n}", 0.05, sign=1),)
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        return load_refusal(robot, joint, must_change=True)

@@ -5,9 +5,6 @@ import numpy as np
 from pumaid.effects import Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
 
-#: Starting lengths of the build-up.
-STARTS = 5
-
 
 class Presliding(Effect):
     """Friction is a lower where the motion begins and has its full value after a few times `travel`.
@@ -31,5 +28,5 @@ class Presliding(Effect):
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
         longest = max(extent.travel / 4.0, 1e-4)
-        lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, STARTS)
+        lengths = np.geomspace(min(extent.finest / 2.0, longest / 8.0), longest, 5)
         return tuple({"travel": float(x)} for x in np.clip(lengths, 1e-5, 0.4))

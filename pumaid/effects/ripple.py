@@ -5,11 +5,6 @@ import numpy as np
 from pumaid.effects import USUAL, Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
 
-#: Periods a turn of the motor: its eccentricity, a wave generator's two lobes, the usual counts of poles and slots.
-PER_TURN = (1, 2, 6, 12)
-#: Periods over the whole travel below which a ripple is no ripple but a slow effect of position.
-FEWEST = 1.5
-
 
 class Ripple(Effect):
     """One line of the current's spectrum against position.
@@ -42,9 +37,11 @@ class Ripple(Effect):
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
         span = max(extent.position[1] - extent.position[0], extent.finest)
-        highest, lowest = 2.0 * np.pi / extent.finest, max(FEWEST * 2.0 * np.pi / span, 0.5)
+        # Of fewer than one and a half periods it is no ripple but a slow effect of position.
+        highest, lowest = 2.0 * np.pi / extent.finest, max(1.5 * 2.0 * np.pi / span, 0.5)
         gear = robot.joint(extent.joint).gear_ratio if extent.joint else None
-        meant = [abs(gear) * turns for turns in PER_TURN if lowest <= abs(gear) * turns <= highest] if gear else []
+        # Periods a turn of the motor: its eccentricity, a wave generator's two lobes, usual counts of poles and slots.
+        meant = [abs(gear) * turns for turns in (1, 2, 6, 12) if lowest <= abs(gear) * turns <= highest] if gear else []
         count = max(int(np.ceil((highest - lowest) / (np.pi / (2.0 * span)))) + 1, 1)
         even = np.linspace(lowest, max(highest, lowest), count)
         return tuple({"frequency": float(f)} for f in (*meant, *even))

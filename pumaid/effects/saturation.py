@@ -2,9 +2,6 @@
 
 from pumaid.effects import RARE, Effect, Family, Parameter, Shape
 
-#: Limits that a search begins with, as shares of the largest predicted current.
-SHARES = (0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985)
-
 
 class Saturation(Effect):
     """What is above the limit is missing, all of it with a = 1.
@@ -23,4 +20,15 @@ class Saturation(Effect):
     seen_in = "runs in which the current comes near its limit: fast, under much load"
     look_alikes = ("torque_droop", "stribeck", "smooth_friction", "viscous_power", "inertia")
     linear = (Parameter("a", "1", "share of what is above the limit that is missing", "a{n}", 1.0, -1.0, 2.0, sign=1),)
-    nonlinear = (Shape("limit", "A", "current above which it is clipped", 1e-4, 1e3, 2.0, starts=SHARES, of="current"),)
+    nonlinear = (
+        Shape(
+            "limit",
+            "A",
+            "current above which it is clipped",
+            1e-4,
+            1e3,
+            2.0,
+            starts=(0.6, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985),
+            of="current",
+        ),
+    )

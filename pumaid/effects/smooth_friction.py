@@ -1,12 +1,6 @@
 """Smooth friction: builds up with speed."""
 
-import numpy as np
-
-from pumaid.effects import Effect, Extent, Family, Parameter, Shape
-from pumaid.robot import Robot
-
-#: Starting speeds of the rise, from the slowest run to the fastest.
-STARTS = 5
+from pumaid.effects import Effect, Family, Parameter, Shape
 
 
 class SmoothFriction(Effect):
@@ -27,8 +21,15 @@ class SmoothFriction(Effect):
     seen_in = "runs both ways at four speeds or more, down to the slowest that is smooth"
     look_alikes = ("stribeck", "viscous_power", "torque_droop", "saturation")
     linear = (Parameter("a", "A", "what friction lacks at rest", "a{n}", 0.1, sign=1),)
-    nonlinear = (Shape("velocity", "{unit}/s", "speed at which friction has 76 % of its rise", 1e-4, 20.0, 0.15),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
-        speeds = np.geomspace(extent.speeds[0], max(extent.speeds[-1], 2.0 * extent.speeds[0]), STARTS)
-        return tuple({"velocity": float(v)} for v in np.clip(speeds, 1e-4, 20.0))
+    nonlinear = (
+        Shape(
+            "velocity",
+            "{unit}/s",
+            "speed at which friction has 76 % of its rise",
+            1e-4,
+            20.0,
+            0.15,
+            starts=(0.06, 0.12, 0.25, 0.5, 1.0),
+            of="fastest",
+        ),
+    )

@@ -5,9 +5,6 @@ import numpy as np
 from pumaid.effects import USUAL, Effect, Extent, Family, Parameter, Shape
 from pumaid.robot import Robot
 
-#: Starting speeds of the fall, from below the slowest run (where all but it are past the fall) to near the fastest.
-STARTS = 6
-
 
 class Stribeck(Effect):
     """Friction that falls from a at rest to nothing well above the speed `velocity`.
@@ -34,6 +31,7 @@ class Stribeck(Effect):
     )
 
     def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
+        # From below the slowest run (where all but it are past the fall) to near the fastest.
         slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
-        speeds = np.clip(np.geomspace(slow, max(fast, 2.0 * slow), STARTS), 1e-4, 20.0)
+        speeds = np.clip(np.geomspace(slow, max(fast, 2.0 * slow), 6), 1e-4, 20.0)
         return tuple({"velocity": float(v), "exponent": d} for v in speeds for d in (1.0, 2.0))

@@ -1,12 +1,6 @@
 """Stribeck friction of a loaded gear."""
 
-import numpy as np
-
-from pumaid.effects import RARE, Effect, Extent, Family, Parameter, Shape, load_refusal
-from pumaid.robot import Robot
-
-#: Starting speeds of the fall, from below the slowest run to near the fastest.
-STARTS = 4
+from pumaid.effects import RARE, Effect, Family, Parameter, Shape
 
 
 class StribeckLoad(Effect):
@@ -23,16 +17,20 @@ class StribeckLoad(Effect):
         " temperature effects, ASME J. Dynamic Systems, Measurement, and Control 134 (2012) 051013"
     )
     family = Family.LOAD
-    prior_odds = RARE
+    prior_odds = RARE / 4.0  # it refines load_friction
     seen_in = "runs both ways at four speeds or more, under much and little load"
     look_alikes = ("load_friction",)
+    only_loaded = True
     linear = (Parameter("a", "1", "height of the fall per load", "a{n}", 0.1, -5.0, 5.0, sign=1),)
-    nonlinear = (Shape("velocity", "{unit}/s", "speed at which the fall is down to 1/e", 1e-4, 20.0, 0.15),)
-
-    def grid(self, robot: Robot, extent: Extent) -> tuple[dict[str, float], ...]:
-        slow, fast = 0.5 * extent.speeds[0], 0.7 * extent.speeds[-1]
-        speeds = np.geomspace(slow, max(fast, 2.0 * slow), STARTS)
-        return tuple({"velocity": float(v)} for v in np.clip(speeds, 1e-4, 20.0))
-
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        return load_refusal(robot, joint, must_change=True)
+    nonlinear = (
+        Shape(
+            "velocity",
+            "{unit}/s",
+            "speed at which the fall is down to 1/e",
+            1e-4,
+            20.0,
+            0.15,
+            starts=(0.06, 0.15, 0.35, 0.7),
+            of="fastest",
+        ),
+    )

@@ -58,7 +58,7 @@ def signals(joint: int) -> dict[str, list[np.ndarray]]:
     drawn = float(np.abs(samples.loads.drawn).max())
     extent = Extent(joint, SPEEDS, (-1.2, 1.2), 0.4, 2.4, tuple(starts), float(samples.time.max()), drawn)
     found: dict[str, list[np.ndarray]] = {}
-    for effect in (one for one in catalogue().values() if not one.base):
+    for effect in (one for one in catalogue().values() if not (one.base or one.is_free)):
         for columns in tried(effect, samples, extent):
             left = columns - absorbed @ (absorbed.T @ columns)
             if np.linalg.norm(left) > UNSEEN * np.linalg.norm(columns):
