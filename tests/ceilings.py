@@ -2,15 +2,15 @@
 
 The core has 26,000 lines, 15,000 statements (docstrings among them) and 22,000 lines of tests and tools. Any motion
 may add 2,500 lines, real arms 1,500 and files with units 2,000, with statements and tests in proportion; of the last
-500 so far.
+1,500 so far.
 """
 
 CEILINGS = {
-    "lines": 30_500,
-    "statements": 17_600,
+    "lines": 31_500,
+    "statements": 18_300,
     "modules": 150,
     "import depth": 12,
-    "lines of tests and tools": 26_000,
+    "lines of tests and tools": 27_000,
     "words of documents": 30_000,
     "class names with two meanings": 0,
     "variables named by a pronoun": 0,

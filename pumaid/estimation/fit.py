@@ -436,7 +436,8 @@ class Projector:
 
         `limits` (p,) are their prior deviations; where not given, those that a fit with this shape has.
         """
-        robot, columns = self.solved.model.robot, self.columns(terms)
+        robot = self.solved.model.robot
+        columns = self.columns([replace(term, fitted=()) for term in terms])
         spans = [column.span for column in replace(terms[0], fitted=()).parts(robot, 0)]
         width = len(spans)
         if not columns:
