@@ -10,7 +10,7 @@ from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import Estimate
 from pumaid.maths import Floats
-from pumaid.robot import ALL, EffectChoice, Robot, read_choice, worded
+from pumaid.robot import ALL, SHAPE_WORDS, EffectChoice, Robot, read_choice, worded
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
@@ -66,7 +66,7 @@ class EffectTerm:
     @property
     def needs_loads(self) -> bool:
         """Whether its columns wait for the loads of a fit."""
-        return self.effect.needs_loads and self.effect.of_loads(self.shape)
+        return self.effect.needs_loads and self.shape.get("of") in (None, SHAPE_WORDS["of"].index("load"))
 
     @property
     def number(self) -> int:
@@ -94,7 +94,7 @@ class EffectTerm:
 
     def parts(self, robot: Robot, place: int | None) -> Iterator[Column]:
         """Its parameters, then the shapes that are fitted; `place` is its number in the model."""
-        effect, number, deviations = self.effect, self.number, self.effect.deviations(self.shape)
+        effect, number = self.effect, self.number
         letter = {Scope.ARM: "", Scope.LINK: f"l{number}."}.get(effect.scope, f"j{number}.")
         items: list[Parameter | Shape] = [
             *self.parameters(robot),
@@ -112,7 +112,7 @@ class EffectTerm:
                 shape=item.name if is_shape else None,
                 scope=effect.scope,
                 span=math.inf if is_shape else item.high - item.low,
-                deviation=deviations.get(item.name),
+                deviation=self.shape.get("spread") if item.name.startswith("bend") else None,
             )
 
     def linear(self, robot: Robot, samples: Samples, shape: Mapping[str, float] | None = None) -> Floats:
@@ -199,7 +199,7 @@ def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fix
     values = ",".join(
         f"{key}={str(words[key]).lower() if isinstance(words[key], str | bool) else format(value, '.8g')}"
         for key, value in shape.items()
-        if key in whole or key in fixed
+        if (key in whole or key in fixed) and words[key] != "nothing"
     )
     return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 

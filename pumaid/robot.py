@@ -375,9 +375,8 @@ def numbered(key: str, value: Any) -> Any:
 
 def worded(shape: Mapping[str, float]) -> dict[str, Any]:
     """A shape as people and documents have it: words for numbers where the effect has any."""
-    words = SHAPE_WORDS if "of" in shape else {}
-    out = {key: words[key][int(size)] if key in words else size for key, size in shape.items()}
-    return out | ({"odd": bool(shape["odd"])} if "odd" in out and words else {})
+    words: Mapping[str, Any] = {**SHAPE_WORDS, "odd": (False, True)} if "of" in shape else {}
+    return {key: words[key][int(size)] if key in words else size for key, size in shape.items()}
 
 
 def read_choice(text: str, robot: Robot, option: str) -> EffectChoice:

@@ -1,5 +1,7 @@
 """The JSON form of an export evaluated by what its ``meaning`` says, in as plain a way as can be."""
 
+from functools import partial
+
 import numpy as np
 
 STEP = 1e-5
@@ -23,6 +25,7 @@ def current(document: dict, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
             ends = [loads(document, q + sign * step)[0][i] for sign in (1, -1)]
             names[f"slope_{m + 1}"] = (ends[0] - ends[1]) / (2 * STEP)
         functions = {
+            "curve": partial(curve, np.array(document.get("curves", []))),
             "sin": np.sin,
             "cos": np.cos,
             "tanh": np.tanh,
@@ -33,6 +36,16 @@ def current(document: dict, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         }
         out[i] = load[i] + base + sum(eval(one["formula"], functions | names) for one in terms)
     return out
+
+
+def curve(rows: np.ndarray, row: int, x: float) -> float:
+    """A learned curve, held at the ends of its range."""
+    low, high, *a = rows[int(row)].tolist()
+    u = 32.0 * min(max((x - low) / (high - low), 0.0), 1.0)
+    i = min(int(u), 31)
+    t, s = u - i, 1.0 - u + i
+    parts = (s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3)
+    return sum(part * a[i + k] for k, part in enumerate(parts)) / 6.0
 
 
 def loads(document: dict, q: np.ndarray) -> tuple[list[float], list[float], list[list[float]]]:

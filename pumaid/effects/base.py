@@ -283,14 +283,6 @@ class Effect:
         """The shapes that tell it from the same effect at the same joint: all where that may be, else none."""
         return dict(shape) if self.is_repeatable else {}
 
-    def of_loads(self, shape: Mapping[str, float]) -> bool:
-        """Whether with this shape its columns are made from loads, where it `needs_loads`."""
-        return self.needs_loads
-
-    def deviations(self, shape: Mapping[str, float]) -> Mapping[str, float]:
-        """Standard deviation before any data of the parameters that are not held by what is plausible alone."""
-        return {}
-
     def applies(self, robot: Robot, joint: int) -> str | None:
         """Why the effect cannot act at (or be caused by) `joint` (from 1; 0: the whole arm), or None where it can."""
         if self.not_sliding and not robot.joint(joint).is_revolute:

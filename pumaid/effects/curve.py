@@ -4,18 +4,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Samples, Shape, Trace
+from pumaid.effects import NO_SHAPE, Effect, Family, Parameter, Samples, Shape, Trace
 from pumaid.effects.formula import QUANTITIES
 from pumaid.maths import Flags, Floats
 from pumaid.robot import SHAPE_WORDS, Robot
 
 #: Equal segments of the range: two knots within the narrowest worn spot that is told from a ripple.
 SEGMENTS = 32
-#: Variables of a curve as formulas call them, in the order of their words.
-OF = ("q", "v", "load", "path", "t", "temperature")
-#: The same as free forms call them, and the share of its range by which a curve may be left before that is told.
-NAMES, MARGIN = ("q", "v", "load", "travel", "t", "temperature"), 0.02
-SPEED, LOAD = OF.index("v"), OF.index("load")
+#: Variables of a curve as formulas and as free forms call them, in the order of their words.
+OF, NAMES = ("q", "v", "load", "path", "t", "temperature"), ("q", "v", "load", "travel", "t", "temperature")
+#: The place of speed, and the share of its range by which a curve may be left before that is told.
+SPEED, MARGIN = OF.index("v"), 0.02
 MEANING = f"second difference of the spline's coefficients; up to bend{SEGMENTS + 1}"
 #: What is chosen of a curve; the rest follows from the runs.
 CHOSEN = ("of", "odd", "times")
@@ -43,6 +42,7 @@ class LearnedCurve(Effect):
     )
     family = Family.SUSPECT
     trace = (Trace.POSITION, Trace.DIRECTION)
+    seen_in = "runs both ways over the whole span"
     is_repeatable = True
     is_free = True
     needs_loads = True
@@ -54,37 +54,25 @@ class LearnedCurve(Effect):
         ),
     )
     nonlinear = (
-        Shape("of", "1", f"variable: {', '.join(SHAPE_WORDS['of'])}", 0.0, len(OF) - 1.0, 0.0, is_searched=False),
-        Shape("odd", "1", "with the sign of motion: false, true", 0.0, 1.0, 1.0, is_searched=False),
-        Shape("times", "1", "by nothing, speed", 0.0, 1.0, 0.0, is_searched=False),
-        Shape("low", "SI", "lowest value in the runs", -1e9, 1e9, -1.5, is_searched=False),
-        Shape("high", "SI", "highest", -1e9, 1e9, 1.5, is_searched=False),
-        Shape("spread", "A", "deviation of bends", 0.0, 1e6, 0.05, is_searched=False),
+        Shape("of", "1", ", ".join(SHAPE_WORDS["of"]), 0.0, len(OF) - 1.0, 0.0, is_searched=False, starts=(0.0,)),
+        Shape("odd", "1", "with the sign of motion: false, true", 0.0, 1.0, 1.0, is_searched=False, starts=(1.0,)),
+        Shape("times", "1", "by nothing, speed", 0.0, 1.0, 0.0, is_searched=False, starts=(0.0,)),
+        Shape("low", "SI", "lowest value in the runs", -1e9, 1e9, -1.5, is_searched=False, starts=(-1.5,)),
+        Shape("high", "SI", "highest", -1e9, 1e9, 1.5, is_searched=False, starts=(1.5,)),
+        Shape("spread", "A", "deviation of bends", 1e-9, 1e6, 0.05, is_searched=False, starts=(0.05,)),
     )
 
-    def grid(self, robot: Robot, extent: Extent) -> tuple[Mapping[str, float], ...]:
-        return ({shape.name: shape.example for shape in self.nonlinear},)
-
     def chosen(self, shape: Mapping[str, float]) -> Mapping[str, float]:
-        return {name: shape[name] for name in CHOSEN if name in shape and (name != "times" or shape[name])}
-
-    def of_loads(self, shape: Mapping[str, float]) -> bool:
-        return shape.get("of", LOAD) == LOAD
-
-    def deviations(self, shape: Mapping[str, float]) -> Mapping[str, float]:
-        return {parameter.name: shape["spread"] for parameter in self.linear[1:]}
+        return {name: shape[name] for name in CHOSEN if name in shape}
 
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        low, high = shape["low"], shape["high"]
-        factor = np.ones(len(samples))
+        low, high, factor = shape["low"], shape["high"], np.ones(len(samples))
         for name, is_there in (("s", shape["odd"]), ("v", shape["times"])):
             factor = factor * (QUANTITIES[name](robot, samples, samples.joint) if is_there else 1.0)
         out = splines((variable(robot, samples, shape) - low) / max(high - low, 1e-300)) @ COEFFICIENTS
-        if int(shape["of"]) == SPEED and shape["odd"] and not shape["times"]:
-            out[:, 0] = 0.0  # viscous friction has it
-        return np.asarray(out * factor[:, None])
+        return np.asarray(out * _is_drawn(shape) * factor[:, None])
 
 
 def variable(robot: Robot, samples: Samples, shape: Mapping[str, float]) -> Floats:
@@ -92,10 +80,26 @@ def variable(robot: Robot, samples: Samples, shape: Mapping[str, float]) -> Floa
     return np.asarray(QUANTITIES[OF[int(shape["of"])]](robot, samples, samples.joint))
 
 
+def law(shape: Mapping[str, float], row: int) -> str:
+    """A curve as a formula, ``s * curve(row, q)``, of a function that looks it up in `table`."""
+    return f"{'s * ' * bool(shape['odd'])}{'v * ' * bool(shape['times'])}curve({row}, {OF[int(shape['of'])]})"
+
+
+def table(shape: Mapping[str, float], sizes: Floats) -> Floats:
+    """(S + 5,) lowest and highest value of a curve's variable, and the coefficients (A) of its B-splines."""
+    return np.array([shape["low"], shape["high"], *(COEFFICIENTS @ np.where(_is_drawn(shape), sizes, 0.0))])
+
+
+def _is_drawn(shape: Mapping[str, float]) -> Flags:
+    """(S + 2,) parameters that draw current: a friction in proportion to speed is viscous friction."""
+    is_viscous = int(shape["of"]) == SPEED and shape["odd"] and not shape["times"]
+    return np.arange(SEGMENTS + 2) >= bool(is_viscous)
+
+
 def spoken_form(shape: Mapping[str, float]) -> str:
     """A curve as free forms are called, ``s f(q)``."""
-    factors = {(0, 0): "", (1, 0): "s ", (1, 1): "v ", (0, 1): "|v| "}
-    return f"{factors[bool(shape['odd']), bool(shape['times'])]}f({NAMES[int(shape['of'])]})"
+    factor = ("|v| ", "v ")[int(shape["odd"])] if shape["times"] else ("", "s ")[int(shape["odd"])]
+    return f"{factor}f({NAMES[int(shape['of'])]})"
 
 
 def outside(robot: Robot, samples: Samples, shape: Mapping[str, float]) -> Flags:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pumaid.effect_spec import EffectTerm, terms_of
 from pumaid.effects import Samples
+from pumaid.effects.curve import law, table
 from pumaid.effects.formula import OF_MOTION, at_rest, filled, loads_of, names_in
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Counts, Flags, Floats
@@ -59,6 +60,8 @@ class Formulas:
     viscous: Floats
     #: (J, J) from the joints' velocities to those that drive their friction; the identity for most arms.
     shaft: Floats
+    #: (C, S + 5) learned curves, as `effects.curve.table` has them.
+    curves: Floats
     terms: tuple[Term, ...]
     left_out: tuple[Lack, ...]
     undetermined: tuple[Lack, ...]
@@ -77,6 +80,7 @@ class Formulas:
         beyond = np.triu(np.ones_like(estimate.scales, dtype=bool)) & heavy & robot.is_revolute[:, None]
         has_ratios = np.asarray((np.isfinite(estimate.scales) | ~beyond).all(axis=1))
         effects = terms_of(estimate.effects)
+        learned = [effect for effect in effects if effect.effect.is_free]
         reasons = {spoken(effect): why_left_out(effect, robot) for effect in effects}
         # What a posture of this arm may need and the data did not tell; not what no posture can show.
         idle = {*model.structure.absent, *(f"gain_ratio.{i}.{j}" for i, j in model.structure.redundant)}
@@ -90,11 +94,18 @@ class Formulas:
             coulomb=coulomb,
             viscous=viscous,
             shaft=robot.shaft_speeds,
+            curves=np.array(
+                [
+                    table(effect.shape, np.array([solution[part.name] for part in effect.parts(robot, 0)]))
+                    for effect in learned
+                ]
+            ),
             terms=tuple(
                 term
                 for effect in effects
                 if reasons[spoken(effect)] is None
-                for term in _terms(robot, effect, solution, has_ratios=has_ratios, rubs=rubs)
+                for row in ([learned.index(effect)] if effect in learned else [0])
+                for term in _terms(robot, effect, solution, has_ratios=has_ratios, rubs=rubs, row=row)
             ),
             left_out=tuple(Lack(name, reason) for name, reason in reasons.items() if reason is not None),
             undetermined=tuple(
@@ -106,11 +117,9 @@ class Formulas:
 
     def arrays(self) -> dict[str, Floats]:
         """The base model by the names that exports give its tables."""
-        return {
-            name: getattr(self, name)
-            for name in ("moments", "ratios", "felt", "coulomb", "viscous", "shaft", "bodies")
-            if name != "bodies" or self.is_dynamic
-        }
+        names = ("moments", "ratios", "felt", "coulomb", "viscous", "shaft", "bodies", "curves")
+        absent = {"bodies": not self.is_dynamic, "curves": not len(self.curves)}
+        return {name: getattr(self, name) for name in names if not absent.get(name)}
 
     @property
     def is_dynamic(self) -> bool:
@@ -180,16 +189,16 @@ def spoken(term: EffectTerm) -> str:
 
 def why_left_out(term: EffectTerm, robot: Robot) -> str | None:
     """Why an effect is left out, or None where posture and velocities determine it."""
-    effect = term.effect
-    if effect.left_out or not effect.formula:
+    effect, formula = term.effect, law(term.shape, 0) if term.effect.is_free else term.effect.formula
+    if effect.left_out or not formula:
         return effect.left_out or "it states no formula"
     constants = {part.name for part in effect.parameters(robot, term.number)} | set(term.shapes(robot))
-    more = sorted(names_in(effect.formula) - OF_MOTION - constants)
+    more = sorted(names_in(formula) - OF_MOTION - constants)
     return f"it depends on more than posture and velocities: {', '.join(more)}" if more else None
 
 
 def _terms(
-    robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: Flags, rubs: Floats
+    robot: Robot, term: EffectTerm, solution: Mapping[str, float], *, has_ratios: Flags, rubs: Floats, row: int
 ) -> Iterator[Term]:
     """An effect's terms; the load of another joint with an unknown ratio counts as none, as in the model."""
     effect, owner = term.effect, term.number
@@ -205,7 +214,8 @@ def _terms(
         is_unknown = owner and joint != owner and not has_ratios[owner - 1]
         values["load_owner"] = 0.0 if is_unknown else f"load_{owner}"
         constants = values | {"slope_owner": f"slope_{owner}", "joint": float(joint)}
-        hold, friction = at_rest(filled(effect.formula_in(robot, owner, joint) or "0.0", constants))
+        text = law(term.shape, row) if effect.is_free else effect.formula_in(robot, owner, joint) or "0.0"
+        hold, friction = at_rest(filled(text, constants))
         for text, is_friction in ((hold, False), (friction, True)):
             if text != "0.0":
                 yield Term(joint, spoken(term), text, is_friction)

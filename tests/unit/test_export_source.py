@@ -15,6 +15,7 @@ import pytest
 
 from pumaid.estimation.estimate import identify
 from pumaid.exports import export
+from pumaid.robot import EffectChoice
 from tests.exported import EXACT, NOT_WRITTEN, every_effect, fitted, motions, off, predicted, robot_called
 from tests.json_model import current
 from tests.matlab_lines import as_python
@@ -158,6 +159,24 @@ def test_matlab_draws_what_the_model_predicts(name, rich):
     run = as_python(export(estimate, robot, form="matlab", name="arm").files[".m"], "arm")
     found = np.array([run(q, qd)[0] for q, qd in zip(position[:4], velocity[:4], strict=True)])
     assert off(found, wanted[:4]) < 1e2 * EXACT  # relative to four postures' largest, not to forty's
+
+
+@needs_gcc
+def test_learned_curves_are_looked_up_in_a_table(tmp_path):
+    """Each form of what a posture and velocities determine, beyond its range too; a curve of time is left out."""
+    forms = [(0, 0, 0), (0, 1, 0), (0, 1, 1), (1, 1, 0), (1, 0, 0), (2, 1, 0)]
+    ranges = {"low": -0.7, "high": 0.9, "spread": 0.1}
+    shapes = [dict(zip(("of", "odd", "times"), map(float, form), strict=True)) | ranges for form in forms]
+    estimate = fitted(PENDULUM, effects=tuple(EffectChoice("curve", 2, shape) for shape in shapes))
+    position, velocity = motions(PENDULUM)
+    wanted = predicted(PENDULUM, estimate, position, velocity=velocity)
+    call, document = compiled(tmp_path, PENDULUM, estimate), export(estimate, PENDULUM, form="json").files[".json"]
+    pairs = list(zip(position, velocity, strict=True))
+    assert off(np.array([call("current", q, qd, None) for q, qd in pairs]), wanted) < EXACT
+    assert off(np.array([current(json.loads(document), q, qd) for q, qd in pairs]), wanted) < EXACT
+    aged = fitted(PENDULUM, effects=(EffectChoice("curve", 2, {"of": 4.0, "odd": 1.0, "times": 0.0} | ranges),))
+    (lack,) = export(aged, PENDULUM, form="c").left_out
+    assert lack.name == "curve@2" and "posture and velocities: t" in lack.reason
 
 
 def test_what_is_not_written_is_said():

@@ -12,6 +12,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from pumaid.effects.curve import SEGMENTS
 from pumaid.effects.formula import filled
 from pumaid.exports import Form, Subject, head, title
 from pumaid.exports.formulas import Lack
@@ -60,6 +61,8 @@ class Language:
             "head": head(subject, formulas.left_out),
             "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
             "dynamic": formulas.is_dynamic,
+            "segments": SEGMENTS,
+            "curved": bool(len(formulas.curves)),
             "geared": bool((formulas.shaft != np.eye(robot.n_joints)).any()),
             "holds": kinds[False],
             "frictions": [(joint, list(group)) for joint, group in groupby(kinds[True], key=itemgetter("joint"))],
@@ -140,7 +143,8 @@ C = Language(
 #: Functions of one posture or of many at once.
 PYTHON = Language(
     templates=("model.py.txt",),
-    names={name: f"np.{name}" for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign")}
+    names={"curve": "_curve"}
+    | {name: f"np.{name}" for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign")}
     | {
         "max": "np.maximum",
         "q": "q[..., {i}]",
@@ -200,6 +204,10 @@ MEANING = {
     " derivative of load_i by q_M, tilt_x and tilt_y are (z_i x (g x e)) . F_i with e the base's x or y and"
     " F_i = sum over j >= i of felt[i][j] h_j (of a slide -(z_i . (g x e)) mass_i), across is |M - z_i (z_i ."
     " M)| with M = g x F_i (of a slide 0); ** is a power",
+    "curves": "learned curves, a row each: lowest and highest value of the variable x, then coefficients a of cubic"
+    f" B-splines; curve(row, x) with u = {SEGMENTS} times x's share of the range (0 to 1), i = floor(u) but at most"
+    f" {SEGMENTS - 1}, t = u - i, s = 1 - t is (s^3 a_i + (3 t^3 - 6 t^2 + 4) a_i+1 + (3 s^3 - 6 s^2 + 4) a_i+2 + t^3"
+    " a_i+3) / 6, a counted from 0",
     "current": "load_i + base_i + all terms of joint i; at rest only load_i and the terms that are not friction",
     "bodies": "of each link mass, first moments, inertia (xx, xy, xz, yy, yz, zz) about its frame's origin and the"
     " rotor's, in the gain of its own joint: inertia_i is the sum over links j >= i of ratios[i][j] times the torque"

@@ -34,6 +34,21 @@ static const double BODY[N][11] = {{ bodies }};
 /* From the joints' velocities to those that drive their friction. */
 static const double SHAFT[N][N] = {{ shaft }};
 {% endif %}
+{% if curved %}
+/* Learned curves: lowest and highest value of the variable, then coefficients of cubic B-splines on equal segments. */
+static const double CURVES[][{{ segments + 5 }}] = {{ curves }};
+
+static double curve(double row, double x)
+{
+    const double *a = CURVES[(int)row], share = (x - a[0]) / (a[1] - a[0]);
+    const double u = {{ segments }}.0 * (share > 0.0 ? (share < 1.0 ? share : 1.0) : 0.0);
+    const int i = u < {{ segments - 1 }}.0 ? (int)u : {{ segments - 1 }};
+    const double t = u - i, s = 1.0 - t;
+    a += i + 2;
+    return (s * s * s * a[0] + ((3.0 * t - 6.0) * t * t + 4.0) * a[1] + ((3.0 * s - 6.0) * s * s + 4.0) * a[2]
+            + t * t * t * a[3]) / 6.0;
+}
+{% endif %}
 
 /* Axes, first moment of each link in base axes, and gravity's current at a posture. */
 typedef struct {
