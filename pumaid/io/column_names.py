@@ -21,13 +21,14 @@ _WORDS = {
     "temperature": "temperature temp temperatures temperatur température temperatura 温度",
     "position": "position pos q angle theta positions angles winkel stellung posición posicion ángulo angulo"
     " 位置 角度 关节角",
-    "time": "t time timestamp seconds sec secs s clock stamp zeit zeitstempel temps tiempo 时间 時間 时刻 時刻",
+    "time": "t time timestamp seconds sec secs s ts clock stamp millis micros zeit zeitstempel temps tiempo"
+    " 时间 時間 时刻 時刻",
     "fraction": "nanosec nsec nsecs nanosecs nanoseconds usec usecs microsec microseconds msec millisec milliseconds",
 }
 _KNOWN = {what: words.split() for what, words in _WORDS.items()}
 #: Units that a name tells, by quantity; none of them stands inside a word.
 _UNIT_WORDS = {
-    "time": {"ms": "ms|msec|millis", "us": "us|µs|usec|micros", "ns": "ns|nsec|nanos|nanosec"},
+    "time": {"ms": r"ms|msecs?|milli\w*", "us": r"us|µs|usecs?|micro\w*", "ns": r"ns|nsecs?|nano\w*"},
     "position": {"deg": "deg|degrees?|°|度", "tick": "ticks?"},
     "velocity": {"deg/s": "deg|degrees?|°|度", "rpm": "rpm|U/min|1/min", "tick/s": "ticks?"},
     "current": {"mA": "mA", "Nm": "N[ _·*]?m", "percent": "%|percent", "permille": "‰|permille"},
@@ -36,8 +37,6 @@ _UNIT_WORDS = {
 _SECONDS, _SHARES = ("s", "sec", "secs", "seconds"), ("effort", "efforts", "load", "loads")
 #: What a torque costs against a current, and a second quantity in a name; how much better than its rivals is sure.
 _TORQUE, _ANOTHER, _SURE = 3.0, 5.0, 2.0
-#: s, by how words for thousandths and millionths of one begin.
-_FRACTIONS = {"mse": 1e-3, "mil": 1e-3, "use": 1e-6, "mic": 1e-6}
 #: Wanted, not measured: never proposed while a measured column is there.
 _WANTED = {"target", "cmd", "command", "commanded", "cmptd", "computed", "ref", "reference", "desired", "des", "set"}
 _MEASURED = {"actual", "measured", "meas", "act", "real"}
@@ -92,7 +91,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
     if not times or "position" not in chosen or "current" not in chosen:
         return None, False
     usual = {"time": "s", "position": "rad", "velocity": "rad/s", "current": "A"}
-    units = {key: unit for key, name in {"time": times[0], **chosen}.items() if (unit := _unit(name, key))}
+    units = {key: unit for key, name in {"time": times[0], **chosen}.items() if (unit := unit_in(name, key))}
     if not {*_words(chosen["current"])} & {*_KNOWN["current"], *_SHARES}:
         units.setdefault("current", "Nm")
     if "position" in units:
@@ -114,23 +113,21 @@ def _times(header: Sequence[str], position: str) -> tuple[list[str], bool]:
         if words[other][:-1] == words[name][:-1] and words[other] and words[other][-1] in _KNOWN["fraction"]
     ]
     pairs.sort(key=lambda pair: -sum(a == b for a, b in zip(pair[0], position, strict=False)))
-    bare = {name: [word for word in words[name] if word not in _SECONDS and not _unit(word, "time")] for name in header}
-    single = [name for word in _KNOWN["time"] for name in header if (bare[name] or words[name]) == [word]]
-    single = [name for name in single if name not in (pair[0] for pair in pairs)]
+    paired = {name for pair in pairs for name in pair}
+    plain = {
+        name: [word for word in words[name] if word not in _SECONDS and not unit_in(word, "time")] for name in words
+    }
+    named = [name for word in _KNOWN["time"] for name in header if (plain[name] or words[name]) == [word]]
+    single = [name for name in named if name not in paired]
     more = [name for name in header if {*words[name]} & {*_KNOWN["time"]} - {*_SECONDS}]
     candidates = [*([name] for name in single), *pairs, *([name] for name in more)]
     return (candidates or [[]])[0], bool(single or pairs or len(more) == 1)
 
 
-def _unit(name: str, quantity: str) -> str:
+def unit_in(name: str, quantity: str) -> str:
     """The unit of a quantity that a name tells, if any."""
     units = _UNIT_WORDS.get(quantity, {}).items()
     return next((unit for unit, words in units if re.search(rf"(?<![^\W\d_])({words})(?![^\W\d_])", _bare(name))), "")
-
-
-def fraction_of_second(name: str) -> float:
-    """Unit (s) of the column with fractions of seconds that has this name: nanoseconds where it says no other."""
-    return next((_FRACTIONS[word[:3]] for word in _words(name) if word[:3] in _FRACTIONS), 1e-9)
 
 
 def _yaml(value: object) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import fraction_of_second, guessed, log_block, paste_block
+from pumaid.io.column_names import guessed, log_block, paste_block, unit_in
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
@@ -36,8 +36,8 @@ _ABSENCE = {
 
 #: No joint of an arm has a position, velocity or current beyond this (SI): what is, is garbage of the recorder.
 ABSURD = 1e6
-#: s; three thousand years, so that seconds since 1970 pass and nanoseconds taken for seconds do not.
-ABSURD_TIME = 1e11
+#: s; what is later is no time, whatever its unit, and what is later than three thousand years is in a smaller one.
+ABSURD_TIME, LATEST = 1e20, 1e11
 #: s since 1970, as which times are taken for dates: of this century.
 EPOCH = 9e8, 4e9
 #: A log with a larger share of bad rows is not one with faults but a faulty one.
@@ -66,7 +66,8 @@ _KINDS = {
         "no number or an absurd one",
         "these rows are left out",
         MAX_BAD,
-        "check units and columns in the recipe's log block; where positions and currents stand in different rows, join"
+        "check columns, units ({time: ns}, say) and encoding in the recipe's log block (4294967295 is -1 as"
+        " uint32-two-complement); where positions and currents stand in different rows, join"
         " them by time (pandas.merge_asof does it)",
     ),
     "foreign": (
@@ -185,7 +186,7 @@ class Columns:
         refuse(_faults(schema, robot, wanted, name))
         log, unit = robot.log, schema[header.index(robot.log.time)].unit
         self.names, factors, zeros = [log.time], [factor(unit or log.units.get("time", "s"))], [0.0]
-        self.fraction = (log.fraction, fraction_of_second(log.fraction)) if log.fraction else None
+        self.fraction = (log.fraction, factor(unit_in(log.fraction, "time") or "ns")) if log.fraction else None
         self.encoded: dict[int, Conversion] = {}
         self.places: dict[str, Counts] = {}
         self.notes: list[Note] = []
@@ -297,7 +298,7 @@ class Cleaner:
     def _count_in_fractions(self, times: Floats) -> None:
         """Where times can only count thousandths or less of a second since 1970, say so; once, at the beginning."""
         first = times[np.isfinite(times)][:1] * self.columns.factors[0]
-        if self.n_rows or not len(first) or abs(first[0]) < ABSURD_TIME:
+        if self.n_rows or not len(first) or abs(first[0]) < LATEST:
             return
         for unit in ("ms", "us", "ns"):
             if EPOCH[0] < first[0] * factor(unit) < EPOCH[1]:
@@ -377,7 +378,10 @@ class Cleaner:
             if not self.robot.joints[joint].is_revolute:
                 continue
             jump = np.diff(table[column], prepend=before[column])
-            if self._turns[joint] == 0 and np.abs(jump).max() < math.pi:
+            is_counted = (
+                table[column] == np.round(table[column])
+            ).all()  # no rad but counts, to be refused as they are
+            if is_counted or (self._turns[joint] == 0 and np.abs(jump).max() < math.pi):
                 continue
             fastest = self.robot.joints[joint].max_velocity or _FASTEST
             turns = np.round(jump / math.tau)
@@ -472,18 +476,19 @@ def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Not
             raise LogError("joints-swapped", what, Where(column=positions[0]), mend)
         return robot, []
     if is_silent:  # columns of a device that writes SI
-        plain = [log for log in preset_formats(robot).values() if not log.conversions and _columns(log) <= {*header}]
+        plain = [
+            other
+            for other in preset_formats(robot).values()
+            if not other.conversions and other.time in header
+            if all(
+                other.column(key, joint.number) in header for key in ("position", "current") for joint in robot.joints
+            )
+        ]
         naming, is_sure = (plain[0], True) if plain else (naming, is_sure)
     if naming is None or not is_sure or not is_silent or (joints and "{name}" not in naming.position):
         return robot, []
     text = f"columns are read by their names, as if the recipe said:\n{log_block(naming)}"
     return replace(robot, log=naming), [Note("columns-named", text)]
-
-
-def _columns(log: LogFormat) -> set[str]:
-    """The columns that a log must have."""
-    numbers = range(1, len(log.names) + 1)
-    return {log.time, *(str(log.column(quantity, k)) for quantity in ("position", "current") for k in numbers)}
 
 
 def _faults(

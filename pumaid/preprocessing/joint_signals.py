@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,8 +42,11 @@ JUMPS, ONE_SIZE = 3, 0.02
 _PASTE = "{}, put this into the recipe, in place of its log block:\n{}"
 #: rad at which no joint without limits is, and widths of its limits by which no joint leaves them. Rounding of counts.
 MOST_RADIANS, FARTHEST, WHOLE = 300.0, 3.0, 1e-6
-#: Counts of encoders, and the angle (rad) that they are: of small servos 300 degrees, of others a turn.
-ENCODERS = ((1023, 5.0 * math.pi / 3.0), *((2**bits, math.tau) for bits in (12, 14, 16, 17, 18, 19, 20, 22, 24)))
+#: Counts of encoders, and the angle (deg) that they are: of small servos 300 degrees, of others a turn; or parts of a
+#: degree. Share by which a jump, with motion in it, may miss one.
+TURNS = (4096, 3600, 2**14, 36000, *(2**bits for bits in (16, 17, 18)), 360000, *(2**bits for bits in (19, 20, 22, 24)))
+ENCODERS = ((1023, 300.0), *((counts, 360.0) for counts in TURNS))
+SAME = 0.02
 #: Jumps (counts) where a sign was lost, and the encoding.
 SIGN_JUMPS = {2**15: "sign-bit-15", 2**16: "uint16-two-complement", 2**32: "uint32-two-complement"}
 
@@ -121,11 +124,11 @@ class JointSignals:
             return False
         size, has_limits = float(np.abs(ends).max()), self.joint.limits is not None
         beyond = self.outside() if has_limits else size / MOST_RADIANS
-        counts = _raw(self.sums, ends, self.joint)
-        is_counted = is_whole(counts) and np.abs(counts).max() > 360.0 and (beyond > 0.5 or not has_limits)
-        is_plain = "position" not in self.sums.robot.log.conversions
-        is_degrees = is_plain and size > math.pi and has_limits and self.outside(factor("deg")) <= 0.1
-        return (is_counted or beyond > FARTHEST) and not is_degrees
+        counts, log = _raw(self.sums, ends, self.joint), self.sums.robot.log
+        is_plain, unit = "position" not in log.conversions, log.units.get("position", "rad")
+        is_counted = is_plain and unit != "tick" and is_whole(counts) and np.abs(counts).max() > 360.0
+        is_degrees = is_plain and unit == "rad" and size > math.pi and has_limits and self.outside(factor("deg")) <= 0.1
+        return ((is_counted and (beyond > 0.5 or not has_limits)) or beyond > FARTHEST) and not is_degrees
 
     def outside(self, scale: float = 1.0) -> float:
         """How far positions times `scale` leave the joint's limits, as a share of their width; negative inside."""
@@ -172,6 +175,11 @@ class JointSignals:
         return bool(self.zeros >= max(ZEROS, ZERO_SHARE * self.moving, ZERO_RATIO * beside))
 
 
+def signals_of(sums: LogStatistics) -> list[JointSignals]:
+    """The signals of all joints."""
+    return [JointSignals(sums, joint) for joint in sums.robot.joints]
+
+
 def is_whole(numbers: Floats) -> bool:
     """Whether (N,) numbers of a log are whole, as counts are."""
     return bool(np.all(np.abs(numbers - np.round(numbers)) <= WHOLE * np.maximum(np.abs(numbers), 1.0)))
@@ -186,35 +194,53 @@ def _raw(sums: LogStatistics, ends: Floats, joint: Joint) -> Floats:
 def position_counts(signals: Sequence[JointSignals]) -> str:
     """What to put into the recipe where positions are counts of an encoder, or lost their sign."""
     sums, log = signals[0].sums, signals[0].sums.robot.log
-    turning = [j for j in map(partial(JointSignals, sums), sums.robot.joints) if j.joint.is_revolute]
-    ends = [_raw(sums, np.array([j.lowest, j.highest]), j.joint) for j in turning]
-    factors = [factor_of(sums.robot, "position", j.joint) for j in turning]
-    jump = max(round(j.jump / abs(factor)) for j, factor in zip(turning, factors, strict=True))
-    for place, encoding in SIGN_JUMPS.items() if "position" in log.conversions else ():
+    turning = [(j, factor_of(sums.robot, "position", j.joint)) for j in signals_of(sums) if j.joint.is_revolute]
+    ends = [_raw(sums, np.array([j.lowest, j.highest]), j.joint) for j, _ in turning]
+    jump = max(j.jump / abs(size) for j, size in turning)
+    follows = log.units.get("velocity") == f"{log.units.get('position')}/s"
+    plain = replace(log, units={**log.units, "position": "rad", **({"velocity": "rad/s"} if follows else {})})
+    for place, encoding in SIGN_JUMPS.items():
         # A range of whole turns is taken out of jumps: then only the beginning is off.
-        spans = [(j.joint, np.array([j.lowest, j.highest]), place * k) for j, k in zip(turning, factors, strict=True)]
-        if jump == place or all(_fits(joint, span) or _fits(joint, span - size) for joint, span, size in spans):
+        spans = [(j.joint, np.array([j.lowest, j.highest]), place * size) for j, size in turning]
+        is_off = all(_fits(joint, span) or _fits(joint, span - turns) for joint, span, turns in spans)
+        if "position" in log.conversions and (is_off or abs(jump / place - 1.0) < SAME):
             return paste("if this is how they show their sign", log, "position", encoding=encoding)
-    for counts, angle in ENCODERS if jump < 2 else [pair for pair in ENCODERS if pair[0] == jump]:
-        for zero in ((counts + 1) // 2, 0) if all(low >= 0.0 and high < counts for low, high in ends) else (0,):
-            parts = [math.copysign(angle / counts, k) * (end - zero) for end, k in zip(ends, factors, strict=True)]
-            if jump < 2 and not all(_fits(j.joint, part) for j, part in zip(turning, parts, strict=True)):
-                continue
-            turn = "a turn is" if angle == math.tau else f"{angle / factor('deg'):.0f} degrees are"
-            scales = {abs(angle / counts / k) for k in factors}
-            if mend := _preset(sums.robot, angle / counts, zero):
-                return mend
-            units = {**log.units, "position": "rad"}
-            if log.units.get("velocity") == f"{log.units.get('position')}/s":
-                units["velocity"] = "rad/s"
-            agrees = all(abs(j.ratio * scale - 1.0) < RATIO_FINE for j in turning for scale in scales if j.integral > 0)
-            log = replace(log, units=units, velocity=log.velocity if agrees else None)
-            condition = f"if {turn} {counts} counts and {zero} is zero"
-            return paste(condition, log, "position", scale=angle / counts, zero=float(zero))
-    return (
-        f"say what they count in the recipe: log: {{position: {{column: {json.dumps(log.position)}, scale: rad a"
-        " count, zero: count where the joint is at zero}}"
-    )
+        if abs(jump / place - 1.0) < SAME:
+            condition = f"if a turn is 4096 counts and {place:.0f} and more are below zero"
+            return paste(condition, plain, "position", encoding=encoding, scale=math.tau / 4096)
+    fitting = [*_encoders(turning, ends, jump)]
+    if not fitting:
+        return (
+            f"say what they are in the recipe: log: {{position: {{column: {json.dumps(log.position)}, scale: rad a"
+            " count (of motors 1 over the gear ratio), zero: count where the joint is at zero}}"
+        )
+    words = [f"{angle:.0f} degrees are {counts} counts and {zero} is zero" for counts, angle, zero in fitting[:3]]
+    more = f" (these fit, too: {'; '.join(words[1:])})" if words[1:] else ""
+    counts, angle, zero = fitting[0]
+    scale = angle * factor("deg") / counts
+    is_unlike = any(abs(j.ratio * scale / abs(size) - 1.0) > RATIO_FINE for j, size in turning if j.integral)
+    plain = replace(plain, velocity=None) if is_unlike else plain
+    mend = _preset(sums.robot, scale, zero)
+    return mend or paste(f"if {words[0]}{more}", plain, "position", scale=scale, zero=float(zero))
+
+
+def _encoders(
+    turning: Sequence[tuple[JointSignals, float]], ends: Sequence[Floats], jump: float
+) -> Iterator[tuple[int, float, int]]:
+    """Encoders by which positions fit: counts and the angle (deg) that they are, and the count at zero."""
+    low, high = min(end[0] for end in ends), max(end[1] for end in ends)
+    wrapping = [pair for pair in ENCODERS if abs(jump / pair[0] - 1.0) < SAME or low == 0.0 == high + 1.0 - pair[0]]
+    for counts, angle in wrapping or (ENCODERS if low >= 0.0 or all(map(is_whole, ends)) else ()):
+        half, scale = (counts + 1) // 2, angle * factor("deg") / counts
+        zeros = [half] if low >= 0.0 and high < counts else []
+        # Servos count turns on.
+        for zero in (*zeros, 0, *([half * round((low + high) / (2 * half))] if counts == 4096 else [])):
+            parts = [(end - zero) * math.copysign(scale, size) for end, (_, size) in zip(ends, turning, strict=True)]
+            if (wrapping and not zero) or all(
+                _fits(j.joint, part) for (j, _), part in zip(turning, parts, strict=True)
+            ):
+                yield counts, angle, zero
+                break
 
 
 def _preset(robot: Robot, scale: float, zero: float) -> str:
@@ -237,15 +263,17 @@ def _preset(robot: Robot, scale: float, zero: float) -> str:
 
 def _fits(joint: Joint, ends: Floats) -> bool:
     low, high = joint.limits or (-1.05 * math.pi, 1.05 * math.pi)
-    return bool(min(ends.min() - low, high - ends.max()) > -0.05 * (high - low))
+    return bool(min(ends.min() - low, high - ends.max()) > -0.005 * (high - low))
 
 
 def current_encoding(signals: Sequence[JointSignals]) -> str:
     """What to put into the recipe where currents lost their sign, if that can be undone."""
-    sums, (_, encoding) = signals[0].sums, signals[0].lost_sign
-    if not encoding or {j.lost_sign[1] for j in signals} != {encoding}:
+    # Of a joint that hardly draws a current the sign may be less plain.
+    sums, encodings = signals[0].sums, {j.lost_sign[1]: j for j in signals if j.lost_sign[1]}
+    if len(encodings) != 1:
         return "write it with its sign"
-    steps = [j.least_change / abs(factor_of(sums.robot, "current", j.joint)) for j in signals]
+    encoding, j = encodings.popitem()
+    steps = [j.least_change / abs(factor_of(sums.robot, "current", j.joint))]
     log, step = sums.robot.log, float(f"{np.median(steps):.6g}")
     if encoding == "sign-bit-10" and step == 1.0 and log.units.get("current", "A") == "A":
         log = replace(log, units={**log.units, "current": "permille"})  # as servos tell their load

@@ -24,6 +24,7 @@ from pumaid.preprocessing.joint_signals import (
     current_encoding,
     other_units,
     position_counts,
+    signals_of,
 )
 from pumaid.preprocessing.log_statistics import LogStatistics
 from pumaid.units import factor, number
@@ -39,6 +40,8 @@ BEYOND = 1.5
 FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
 STILL_TIME, UNEQUAL = 0.5, 2.0
+#: What results mean by A where the unit of currents is another.
+SHOWN = {"Nm": "N m", "percent": "rated torque", "permille": "rated torque"}
 #: A; what motors of arms draw at most lies between.
 SMALL, LARGE = 0.02, 200.0
 
@@ -81,13 +84,9 @@ def findings(sums: LogStatistics) -> list[LogError | Note]:
     return items
 
 
-def _signals(sums: LogStatistics) -> list[JointSignals]:
-    return [JointSignals(sums, joint) for joint in sums.robot.joints]
-
-
 def _each(predicate: Callable[[JointSignals], object]) -> Callable[[LogStatistics], Found]:
     """A test of each joint by itself."""
-    return lambda sums: ({"joint": j.joint.number, "j": j} for j in _signals(sums) if predicate(j))
+    return lambda sums: ({"joint": j.joint.number, "j": j} for j in signals_of(sums) if predicate(j))
 
 
 def _first(
@@ -96,7 +95,7 @@ def _first(
     """A test of each joint by itself, told of the first with the numbers of the others, and how to `mend` them."""
 
     def test(sums: LogStatistics) -> Found:
-        chosen = [j for j in _signals(sums) if predicate(j)]
+        chosen = [j for j in signals_of(sums) if predicate(j)]
         beside = ", ".join(str(j.joint.number) for j in chosen[1:])
         alike = f" (and of {beside})" if beside else ""
         for j in chosen[:1]:
@@ -123,7 +122,7 @@ def _position_unit(sums: LogStatistics, *, read: str, meant: str) -> Found:
     """
     is_angle, scale = read != "m", factor(meant) / factor(read)
     key = "position" if is_angle else "prismatic_position"
-    joints = [j for j in _signals(sums) if j.joint.is_revolute == is_angle]
+    joints = [j for j in signals_of(sums) if j.joint.is_revolute == is_angle]
     limited = [j for j in joints if j.joint.limits]
     suspects = [j for j in limited if j.outside(scale) <= 0.1]
     if scale > 1.0:
@@ -145,7 +144,7 @@ def _position_unit(sums: LogStatistics, *, read: str, meant: str) -> Found:
 
 def _units_disagree(sums: LogStatistics) -> Found:
     """The derivative of position against the velocity column, by a factor between two units."""
-    for j in _signals(sums):
+    for j in signals_of(sums):
         changes, speeds = j.unit_changes()
         if changes or speeds:
             words = f"{' or '.join(changes + speeds)} into the recipe's log block"
@@ -156,7 +155,7 @@ def _units_disagree(sums: LogStatistics) -> Found:
 
 def _unlike_clock(sums: LogStatistics) -> Found:
     """Velocity columns off by no unit's factor: the clock, which all joints share, or these columns."""
-    signals = [j for j in _signals(sums) if not math.isnan(j.ratio)]
+    signals = [j for j in signals_of(sums) if not math.isnan(j.ratio)]
     off = [j for j in signals if j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())]
     ratios = [j.ratio for j in off]
     if off and len(off) == len(signals) and max(ratios) < (1.0 + RATIO_FINE) * min(ratios):
@@ -213,15 +212,8 @@ def _currents_swapped(sums: LogStatistics) -> Found:
         yield figures | {"joint": next(iter(moved_to)), "fault": is_sure}
 
 
-def _unit_shown(sums: LogStatistics) -> Found:
-    unit = sums.robot.log.units.get("current", "A")
-    if unit not in ("A", "mA"):
-        shown = {"Nm": "N m", "percent": "rated torque", "permille": "rated torque"}[unit]
-        yield {"shown": shown}
-
-
 def _at_rest(sums: LogStatistics) -> Found:
-    still = [str(j.joint.number) for j in _signals(sums) if not j.has_moved]
+    still = [str(j.joint.number) for j in signals_of(sums) if not j.has_moved]
     if still and len(still) < sums.robot.n_joints:
         yield {"which": f"joints {', '.join(still)} never move" if len(still) > 1 else f"joint {still[0]} never moves"}
 
@@ -232,12 +224,12 @@ POSITION_CHECKS = (
     Check("sign-lost", _first(lambda j: j.jump, mend=position_counts),
           "the position of joint {joint}{alike} jumps by {j.jump:.5g} {j.joint.position_unit} {j.jumps:.0f} times "
           "while it moves on: the encoder's range is no turn in this unit, or a sign was lost", "{mend}", fault=True),
-    Check("sign-lost", _first(lambda j: j.is_folded and not j.jump),
-          "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
-          "lost", "write positions with their sign", fault=True),
     Check("units-disagree", _first(lambda j: j.is_impossible and not j.jump, mend=position_counts),
           "positions of joint {joint}{alike} run from {j.span}, where no joint can be: counts of an encoder, or in "
           "another unit", "{mend}", fault=True),
+    Check("sign-lost", _first(lambda j: j.is_folded and not (j.jump or j.is_impossible)),
+          "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
+          "lost", "write positions with their sign", fault=True),
 )  # fmt: skip
 UNIT_CHECKS = (
     Check("time-unit", _time_unit, "with time read in {unit} there is {rate}, {why}", "{fix}", column="time"),
@@ -304,6 +296,8 @@ OTHER_CHECKS = (
           "see units: {{current: ...}} in the recipe's log block", column="current"),
     Check("joints-swapped", _currents_swapped, "{what}",
           "{perhaps}positions and currents are in different orders: put {pairs} into one order"),
-    Check("unit-shown", _unit_shown, "currents are torques: where results say A, read {shown}", ""),
+    Check("unit-shown",
+          lambda sums: ({"shown": SHOWN[unit]} for unit in {sums.robot.log.units.get("current", "A")} & {*SHOWN}),
+          "currents are torques: where results say A, read {shown}", ""),
     Check("joint-at-rest", _at_rest, "{which} in these logs", ""),
 )  # fmt: skip

@@ -79,7 +79,14 @@ def read(path: Path, arm: Robot) -> Log:
 
 @pytest.mark.parametrize(
     ("counts", "angle", "zero"),
-    [(4096, 2 * np.pi, 2048), (1023, np.radians(300), 512), (2**18, 2 * np.pi, 0), (2**14, 2 * np.pi, 2**13)],
+    [
+        (4096, 2 * np.pi, 2048),
+        (4096, 2 * np.pi, 6144),
+        (1023, np.radians(300), 512),
+        (2**18, 2 * np.pi, 0),
+        (2**14, 2 * np.pi, 2**13),
+        (36000, 2 * np.pi, 0),
+    ],
 )
 def test_counts_of_encoders_are_refused_with_the_block_that_reads_them(
     tmp_path: Path, counts: int, angle: float, zero: int
@@ -94,6 +101,16 @@ def test_counts_of_encoders_are_refused_with_the_block_that_reads_them(
     assert error.slug == "units-disagree" and f"{counts} counts" in error.mend
     log = read(path, pasted(error))
     assert np.abs(log.position - q).max() <= 0.501 * angle / counts and log.velocity is None
+
+
+@pytest.mark.parametrize("counts", [4096, 16384])
+def test_encoders_that_begin_anew_are_taken_as_continuous(tmp_path: Path, counts: int) -> None:
+    """A range from 0 to the last count of a turn is one, not a sign that was lost."""
+    time, q, current = motion()
+    ticks = np.round(q * counts / 2 / np.pi).astype(int) % counts
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, ticks, current)
+    log = read(path, pasted(refused(path, robot())))
+    assert np.abs(log.position - q).max() <= 0.501 * 2 * np.pi / counts
 
 
 @pytest.mark.parametrize("step", [1.0, 2.69])

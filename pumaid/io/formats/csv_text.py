@@ -13,7 +13,7 @@ import numpy as np
 from pumaid.errors import LogError, Note, Where
 from pumaid.io.column_names import has_foreign_words
 from pumaid.io.formats import GZIP, HEAD_BYTES, Batch, LogColumn, LogSource, floats
-from pumaid.io.formats.joint_columns import JointColumns
+from pumaid.io.formats.joint_columns import NUMBER, JointColumns
 from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
@@ -32,7 +32,6 @@ _COMMENT = ("#", "%")
 _PREAMBLE = (*_COMMENT, "sep=", '"sep=')
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 #: Numbers in groups of three digits, and those that need no separator.
 _GROUPED, _SMALL = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,])\d{3})(?:\1\d{3})*"), re.compile(r"[+-]?\d{1,3}")
@@ -258,7 +257,7 @@ def _single_spaced(stream: Any) -> Any:
 
 def _joint_states(row: Sequence[str]) -> tuple[str, ...]:
     """Names for the columns of joint states as ``ros2 topic echo --csv`` prints them: stamp, frame, joints, numbers."""
-    count = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell)), 0)
+    count = next((k for k, cell in enumerate(row[3:]) if NUMBER.fullmatch(cell)), 0)
     groups, rest = divmod(len(row) - 3 - count, count or 1)
     if not count or rest or not 0 < groups < 4 or not all(cell.isdecimal() for cell in row[:2]):
         return ()
@@ -269,7 +268,7 @@ def _joint_states(row: Sequence[str]) -> tuple[str, ...]:
 
 def _is_numeric(line: str) -> bool:
     words = re.split(r"[;,\t| \"\[\]()]+", line.strip(' "\r\n[]()'))
-    return sum(bool(_NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
+    return sum(bool(NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
 
 
 def _delimiter(lines: list[str]) -> str:

@@ -10,6 +10,7 @@ from pumaid.io.formats import LogColumn, floats
 from pumaid.io.formats.nested import leaves
 from pumaid.maths import Floats
 
+NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _LIST = re.compile(r"(?:array\(\S+ *)?[\[(](.*)[\])]\)?", re.S)
 _NUMBERED = re.compile(r"(.*?)[_.\[/ ]?(\d+)\]?")
 _IS_NAME = re.compile(r"(?:.*[^a-z])?names?", re.IGNORECASE)
@@ -46,29 +47,27 @@ class JointColumns:
 
     def _is_text(self, place: int) -> bool:
         words = [word for cell in self._cells[place][:1] for word in items(cell) or [cell]]
-        return bool(words) and all(words) and not any(map(_is_number, words))
+        return bool(words) and all(words) and not any(map(NUMBER.fullmatch, words))
 
     def schema(self) -> list[LogColumn]:
         """All columns, those of the file first; a second name of a numbered one says whose it is in the first row."""
         import pyarrow as pa
 
+        numbers = [[cell.replace(",", ".") if NUMBER.fullmatch(cell) else "nan" for cell in row] for row in self._cells]
         columns = {
-            k: pa.array(cells if k in self.texts else [float(cell) if _is_number(cell) else None for cell in cells])
-            for k, cells in enumerate(self._cells)
+            k: pa.array(row if k in self.texts else [*map(float, numbers[k])]) for k, row in enumerate(self._cells)
         }
         self._stems = {name: stems for name, stems, _ in self._leaves(columns, self._lists)} if columns else {}
+        named = self._lists.get(self._names, [])
+        first_names = [name for k in named for name in (items(self._cells[k][0]) or [self._cells[k][0]])]
         first = {
             "/".join(filter(None, (_split(stem)[0], joint, _split(stem)[1]))): (self._header[place], joint)
             for stem, places in self._lists.items()
-            for joint, place in zip(self._first_names(), places, strict=False)
+            for joint, place in zip(first_names, places, strict=False)
             if len(places) > 1 and self._is_beside(stem)
         }
         more = [LogColumn(name, "", *first.get(name, ("", ""))) for name in self._stems]
         return [*map(LogColumn, self._header), *more]
-
-    def _first_names(self) -> list[str]:
-        places = self._lists.get(self._names, [])
-        return items(self._cells[places[0]][0]) if len(places) == 1 else [self._cells[k][0] for k in places]
 
     def needed(self, names: Sequence[str]) -> list[int]:
         """Indices of the columns of the file that make the named ones."""
@@ -120,11 +119,3 @@ def items(cell: str) -> list[str]:
     """Elements of a list as languages print it, without quotes; none if the cell is no list."""
     match = _LIST.fullmatch(cell.strip())
     return [part.strip("'\" ") for part in re.split(_BETWEEN, match[1].strip(" ,")) if part] if match else []
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
