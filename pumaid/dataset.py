@@ -82,6 +82,7 @@ class Bins:
     velocities: Floats | None = None  # (M, J) of all joints, of a block of any motion
     # (M, P) of a block: what each of the rigid body's base parameters asks of the joint
     rigid_body: Floats | None = None
+    parts: Floats | None = None  # (M K, 3) of a block: current (A), position, variance (A2) in K parts of each cell
 
     def __len__(self) -> int:
         return len(self.count)
@@ -253,7 +254,8 @@ def with_payloads(dataset: Dataset, payloads: Mapping[str, Payload]) -> Dataset:
 
 
 def coarser(bins: Bins, size: int) -> Bins:
-    """The same in at most `size` bins."""
+    """The same in at most `size` bins, without parts of these."""
+    bins = replace(bins, parts=None)
     if len(bins) <= size:
         return bins
     # In a block friction changes its sign.
@@ -268,6 +270,35 @@ def coarser(bins: Bins, size: int) -> Bins:
         spread = _unexplained(bins, spread, starts)
     columns["variance"] += finite_means(spread**2, starts, bins.count)
     return Bins(**columns | {"count": np.add.reduceat(bins.count, starts)})
+
+
+def finer(bins: Bins, joint: int) -> Bins:
+    """A block in its cells' parts, its motion that of polynomials of which the cells' window makes five cells each."""
+    parts = np.asarray(bins.parts)
+    k, place, steps = len(parts) // len(bins), np.arange(len(bins)), np.diff(bins.time)
+    number = np.cumsum(np.append(0, steps > 1.5 * steps.min(initial=np.inf)))  # of what no gap parts
+    first, end = np.searchsorted(number, number), np.searchsorted(number, number, side="right")
+    size = np.minimum(end - first, 5)
+    start = np.clip(place - size // 2, first, end - size)
+    at, shares = (place - start)[:, None] + (np.arange(k) + 0.5) / k - 0.5, np.zeros((len(bins), k, 5))
+    for n in range(1, 6):
+        cells = _moments(np.arange(float(n)), 1.0, 3)[:, :n]
+        shares[size == n, :, :n] = _moments(at[size == n], 1.0 / k)[..., :n] @ np.linalg.inv(cells)
+    around = np.clip(start[:, None] + np.arange(5), 0, place[-1])
+    columns: dict[str, Any] = {
+        name: np.repeat(values, k, axis=0)
+        if name in ("temperature", "extra")
+        else np.einsum("mkn,mn...->mk...", shares, values[around]).reshape(-1, *values.shape[1:])
+        for name, values in arrays_of(replace(bins, parts=None)).items()
+    }
+    columns["current"], columns["position"][:, joint - 1], columns["variance"] = parts.T
+    return Bins(**columns | {"count": columns["count"] / k})
+
+
+def _moments(x: Floats, width: float, rounds: int = 1) -> Floats:
+    """(..., 5) means of the powers 0 to 4 over windows about (...,) x: of `rounds` means over `width`."""
+    v, fourth = rounds * width**2 / 12.0, rounds * (rounds / 48.0 - 1.0 / 120.0) * width**4
+    return np.stack([x**0, x, x**2 + v, x**3 + 3.0 * x * v, x**4 + 6.0 * x**2 * v + fourth], axis=-1)
 
 
 def _unexplained(bins: Bins, spread: Floats, starts: Counts) -> Floats:

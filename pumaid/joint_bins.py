@@ -2,14 +2,14 @@
 
 import copy
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, Bins, FirstMotions, Run, coarser, first_motions
+from pumaid.dataset import BLOCK, CONSTANT, Bins, FirstMotions, Run, coarser, finer, first_motions
 from pumaid.effects import Extent, Samples
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
@@ -96,6 +96,11 @@ class JointBins:
         return np.array([run.kind == BLOCK for run in self.runs], dtype=bool)
 
     @cached_property
+    def is_cells(self) -> Flags:
+        """(R,) blocks that are in cells, not in the parts of these."""
+        return self.is_block & (self.lengths <= [len(run.bins) for run in self.runs])
+
+    @cached_property
     def mean_square(self) -> float:
         """Mean squared current of a sample, A2."""
         return float(self.count @ (self.current**2 + self.inside) / self.count.sum())
@@ -152,7 +157,8 @@ class JointBins:
         They match the first five moments of as many equal steps as the bin has samples, so that a ripple with two bins
         a period is not averaged away, and a bin of three samples or fewer is exact.
         """
-        n, moving, time, is_block = self.count, self.joint - 1, self.samples.time, self.is_block[self.run]
+        n, moving, time = self.count, self.joint - 1, self.samples.time
+        is_block, is_cell = self.is_block[self.run], self.is_cells[self.run]
         last = self.first + self.lengths - 1
         between = self.sums(n) - 0.5 * (n[self.first] + n[last])
         # s between samples; between the cells of a block there may be gaps.
@@ -161,7 +167,7 @@ class JointBins:
         spread = np.sqrt(np.maximum(3.0 * n**2 - 7.0, 0.0) / 20.0)
         side = np.divide(n**2 - 1.0, 24.0 * spread**2, out=np.zeros(len(n)), where=spread > 0)
         # The window of a block's cells is three means over a cell, of variance a quarter of its square.
-        spread, side = np.where(is_block, np.sqrt(0.75) * n, spread), np.where(is_block, 1.0 / 6.0, side)
+        spread, side = np.where(is_cell, np.sqrt(0.75) * n, spread), np.where(is_cell, 1.0 / 6.0, side)
         ahead = ((step * spread)[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
         three: dict[str, Any] = {name: np.repeat(values, 3, axis=0) for name, values in self.samples.series().items()}
         rise = self.rises(time)
@@ -222,18 +228,19 @@ def joint_bins(
     most: int | None = None,
     begun: FirstMotions | None = None,
     is_settled: bool = True,
+    finest: Collection[int | None] = (),
 ) -> tuple[JointBins, ...]:
     """The bins of each joint that moves in `runs` (in order of time), base first.
 
     A run has at most `most` bins a turn; `begun` says when joints first moved in all runs of the logs; `is_settled`
-    leaves out the ends of runs at constant speed, where the speed still settles.
+    leaves out the ends of runs at constant speed, where the speed still settles; `finest` joints have blocks in parts.
     """
     begun = first_motions(runs) if begun is None else begun
     out = []
     for joint in sorted({run.joint for run in runs}):
         chosen = tuple(run for run in runs if run.joint == joint)
         turn = 2.0 * np.pi if robot.joint(joint).is_revolute else np.inf
-        thin = [_thinned(run, most, turn=turn, is_settled=is_settled) for run in chosen]
+        thin = [_thinned(run, most, turn=turn, is_settled=is_settled, is_fine=joint in finest) for run in chosen]
         lengths = np.array([len(run.bins) for run in thin])
         first = (np.cumsum(lengths) - lengths).astype(np.int64)
         # Between cells of a block some are left out.
@@ -259,7 +266,7 @@ def joint_bins(
     return tuple(out)
 
 
-def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Run:
+def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool, is_fine: bool) -> Run:
     """A run in at most `most` bins a turn; at constant speed settled, and with the acceleration that positions show."""
     if run.kind == CONSTANT:
         if is_settled and len(run.bins) >= FEWEST_SETTLED:
@@ -269,6 +276,8 @@ def _thinned(run: Run, most: int | None, *, turn: float, is_settled: bool) -> Ru
             run = replace(run, bins=Bins(**{name: v[chosen] for name, v in values.items() if v is not None}))
         slope = acceleration(run.bins.time, run.bins.position[:, run.joint - 1])
         run = replace(run, bins=replace(run.bins, acceleration=slope))
+    if is_fine and run.bins.parts is not None:
+        return replace(run, bins=finer(run.bins, run.joint))
     limit = most and int(most * max(abs(run.span[1] - run.span[0]) / turn, 1.0))
     return replace(run, bins=coarser(run.bins, limit)) if limit else run
 

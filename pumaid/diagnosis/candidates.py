@@ -381,7 +381,7 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
         return None
     likeness = np.zeros((len(lengths), len(frequency)))
     passed = np.quantile(np.abs(bins.samples.velocity[:, bins.joint - 1]) * bins.step[bins.run], QUANTILES)
-    rounds = np.where(bins.is_block.any(), 3.0, 1.0)
+    rounds = np.where(bins.is_cells.any(), 3.0, 1.0)
     for number in np.flatnonzero(usable):
         places = q[bins.first[number] : bins.first[number] + lengths[number]]
         likeness[number] = _likeness(np.abs(np.diff(places)), frequency)

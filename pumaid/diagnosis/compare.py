@@ -450,8 +450,9 @@ def compare(estimate: Estimate, dataset: Dataset, robot: Robot) -> Comparison:
         )
         loads = [of_runs[n].parts.get("gravity", np.zeros(len(of_runs[n].predicted))) for n in counted]
         runs = [of_runs[n].run for n in counted]
+        is_whole = prediction.counted.all() and len(prediction.bins) == sum(len(run.bins) for run in runs)
         split = budget(
-            prediction.bins if prediction.counted.all() else joint_bins(robot, runs, is_settled=False)[0],
+            prediction.bins if is_whole else joint_bins(robot, runs, is_settled=False)[0],
             np.concatenate([of_runs[n].residual for n in counted]),
             joint,
             load=np.concatenate(loads) if has_load else None,

@@ -195,8 +195,9 @@ class Stepwise:
             effect for effect in (effects or tuple(catalogue().values())) if not (effect.base or effect.is_free)
         ]
         self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
+        joints, sizes = range(1, model.robot.n_joints + 1), (COARSE, FINE)
         self._bins, self._unseen = (
-            [joint_bins(model.robot, part, most=limit, begun=begun) for limit in (COARSE, FINE)]
+            [joint_bins(model.robot, part, most=n, begun=begun, finest=joints if n == FINE else ()) for n in sizes]
             for part in (runs, unseen)
         )
         self._first, self._settling = fit_bins(model, self._bins[0]), settling(self._bins[0])
@@ -375,10 +376,12 @@ class Stepwise:
         return tuple(out)
 
     def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
-        """A fit with the finest bins of the joint of a periodic effect, else as it is."""
+        """A fit with the finest bins of the joint of a periodic effect, the noise there beside this; else as it is."""
         if term.effect.periodic is None:
             return solved
-        return at_bins(solved, next(bins for bins in self._bins[1] if bins.joint == term.joint))
+        bins = next(bins for bins in self._bins[1] if bins.joint == term.joint)
+        misfit, wave = solved.misfit(bins), term.linear(self.model.robot, bins.samples)
+        return at_bins(solved, bins, noise_of(bins, misfit - wave @ np.linalg.lstsq(wave, misfit, rcond=None)[0]))
 
     def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate | None:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined.

@@ -32,7 +32,7 @@ from pumaid.robot import EffectChoice, Robot
 from pumaid.units import number
 
 #: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
-FAR, FAR_IN_BLOCKS = 2.0, 1.5
+FAR, FAR_IN_BLOCKS = 2.0, 1.35
 #: Share of a joint's current (RMS) that a misfit must be besides.
 SEEN = 1e-3
 #: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs,

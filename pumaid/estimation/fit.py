@@ -275,9 +275,9 @@ def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Sampl
     )
 
 
-def at_bins(fitted: Fit, bins: JointBins) -> Fit:
-    """The same fit with one joint's row at other bins, noise as these show it; what it holds stays held."""
-    other, half = fitted.with_rows({bins.joint: fitted.at(bins)}), fitted.solution.linear.half
+def at_bins(fitted: Fit, bins: JointBins, noise: NoiseModel) -> Fit:
+    """The same fit with one joint's row at other bins, of some noise; what it holds stays held."""
+    other, half = fitted.with_rows({bins.joint: fitted.at(bins, noise=noise)}), fitted.solution.linear.half
     half = half @ inverse_root(half.T @ (other.information() + np.diag(fitted.prior**2)) @ half)
     linear = replace(fitted.solution.linear, half=half)
     return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)

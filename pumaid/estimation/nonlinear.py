@@ -340,7 +340,7 @@ def fit_effects(
     fine, binned = {term.joint for term in wanted if term.effect.periodic is not None}, list[JointBins]()
     for limit, is_fine in ((COARSE, False), (FINE, True)):  # the finest at joints that have a periodic effect
         part = [run for run in runs if (run.joint in fine) == is_fine]
-        binned += joint_bins(model.robot, part, most=limit, begun=begun, is_settled=False)
+        binned += joint_bins(model.robot, part, most=limit, begun=begun, is_settled=False, finest=fine)
     work = EffectFit(model, sorted(binned, key=lambda part: part.joint), wanted)
     if not choices:
         work.fit = fit_bins(model, work.bins, recursive=recursive, progress=progress)

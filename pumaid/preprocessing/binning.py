@@ -2,15 +2,16 @@
 
 import math
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, finite_means, spans
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, arrays_of, finer, finite_means, spans
 from pumaid.errors import PumaidError, Where, listed
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Counts, Floats, pseudo_inverse
 from pumaid.preprocessing.differentiate import Ticks, slopes, velocity
-from pumaid.preprocessing.parallel_filter import Cells, cell_length, cells, position_noise, stroke_bins
+from pumaid.preprocessing.parallel_filter import Cells, about_line, cell_length, cells, position_noise, stroke_bins
 from pumaid.rigid_body import RigidBody
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -288,14 +289,14 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
     count = max(int(duration / min(max(duration / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)), 1)
     edges = np.linspace(time[0], time[-1], count + 1)
     sample = np.clip(np.searchsorted(time, edges), 0, len(time) - 1).tolist()
-    runs = []
-    blocks = np.split(np.arange(len(table.time)), np.searchsorted(table.time, edges[1:-1]))
-    for rows, first, last in zip(blocks, sample[:-1], sample[1:], strict=True):
+    runs, blocks = [], dict[int, list[Bins]]()
+    for joint in range(1, log.position.shape[1] + 1):
+        if np.count_nonzero(np.isfinite(table.current[:, joint - 1])) >= FEWEST_CELLS:
+            blocks[joint] = _blocks(_block_bins(log, time, table, joint), joint, table.parts[joint - 1], edges[1:-1])
+    for place, (first, last) in enumerate(pairwise(sample)):
         part = log.part(slice(first, last + 1))
-        for joint in range(1, log.position.shape[1] + 1):
-            chosen = rows[np.isfinite(table.current[rows, joint - 1])]
-            if len(chosen) >= FEWEST_CELLS:
-                bins = _block_bins(log, time, table, joint=joint, rows=chosen)
+        for joint, bins in ((joint, those[place]) for joint, those in blocks.items()):
+            if len(bins) >= FEWEST_CELLS:
                 moving, speed = bins.position[:, joint - 1], float(np.sqrt(np.mean(bins.velocity**2)))
                 runs.append(
                     _run(
@@ -312,26 +313,48 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
     return runs
 
 
-def _block_bins(log: Log, time: Floats, table: Cells, *, joint: int, rows: Counts) -> Bins:
-    """Some cells of one joint as bins."""
-    moving, at = joint - 1, table.time[rows]
-    width = max(round(table.step * (len(time) - 1) / float(time[-1] - time[0])), 1)
-    starts = np.searchsorted(time, at - 0.5 * table.step)
-    inside = np.clip(starts[:, None] + np.arange(width), 0, len(time) - 1)
-    beside = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
-    sampled, place = np.nan_to_num(log.current[inside, moving]), np.arange(width) - 0.5 * (width - 1)
-    slope = sampled @ place / max(float(place @ place), 1.0)
-    velocity, n_columns = table.velocity[rows], table.columns[0].shape[1]
+def _block_bins(log: Log, time: Floats, table: Cells, joint: int) -> Bins:
+    """The cells of one joint as bins."""
+    moving, n_columns, beside = joint - 1, table.columns[0].shape[1], np.searchsorted(time, table.time)
     return Bins(
-        count=np.full(len(rows), width),
-        time=at,
-        position=table.position[rows],
-        velocity=velocity[:, moving],
-        acceleration=table.acceleration[rows, moving],
-        current=table.current[rows, moving],
-        variance=(sampled - slope[:, None] * place).var(axis=1),  # about a straight line
-        temperature=np.full(len(rows), np.nan) if log.temperature is None else log.temperature[beside, moving],
+        count=np.full(len(beside), table.width),
+        time=table.time,
+        position=table.position,
+        velocity=table.velocity[:, moving],
+        acceleration=table.acceleration[:, moving],
+        current=table.current[:, moving],
+        variance=table.variance[:, moving],
+        temperature=np.full(len(beside), np.nan) if log.temperature is None else log.temperature[beside, moving],
         extra=None if log.extra is None else log.extra[beside],
-        velocities=velocity,
-        rigid_body=np.pad(table.columns[moving][rows], ((0, 0), (n_columns - table.columns[moving].shape[1], 0))),
+        velocities=table.velocity,
+        rigid_body=np.pad(table.columns[moving], ((0, 0), (n_columns - table.columns[moving].shape[1], 0))),
     )
+
+
+def _blocks(bins: Bins, joint: int, parts: Floats, edges: Floats) -> list[Bins]:
+    """Of M cells those with a current, in blocks that `edges` (s) part, with (M, k, 2) `parts` in the same motion."""
+
+    def chosen(bins: Bins, rows: Counts) -> Bins:
+        return Bins(**{name: values[rows] for name, values in arrays_of(bins).items()})
+
+    def regressors(bins: Bins) -> Floats:
+        return np.column_stack([bins.velocity, np.sign(bins.velocity), np.ones(len(bins)), np.asarray(bins.rigid_body)])
+
+    rows, k = np.flatnonzero(np.isfinite(bins.current)), parts.shape[1]
+    inner, table = chosen(bins, rows), np.pad(parts, ((0, 0), (0, 0), (0, 1)))
+    split = np.split(np.arange(len(rows)), np.searchsorted(inner.time, edges))
+    if k == 1:
+        return [chosen(inner, part) for part in split]
+    cells = regressors(inner)
+    values = pseudo_inverse(cells.T @ cells)[0] @ (cells.T @ inner.current)
+    drawn = regressors(finer(replace(bins, parts=table.reshape(-1, 3)), joint)) @ values
+    missed, table = (parts[..., 0] - drawn.reshape(-1, k))[rows], table[rows]
+    blocks = [replace(chosen(inner, part), parts=table[part].reshape(-1, 3)) for part in split if len(part)]
+    design = np.vstack([regressors(finer(block, joint)) for block in blocks])
+    missed -= (design @ (pseudo_inverse(design.T @ design)[0] @ (design.T @ missed.ravel()))).reshape(-1, k)
+    # In cells variance is about a straight line, and the filter took some of the mean square of that line.
+    between, within = about_line(missed), np.maximum(inner.variance - about_line(table[..., 0]), 0.0)
+    more = np.mean(missed**2) - np.mean(between + (inner.current - cells @ values) ** 2)
+    table[..., 0], table[..., 2] = (design @ values).reshape(-1, k) + missed, within[:, None]
+    inner = replace(inner, variance=within + between + max(float(more), 0.0))
+    return [replace(chosen(inner, part), parts=table[part].reshape(-1, 3)) for part in split]

@@ -33,8 +33,8 @@ CHUNK = 2048
 #: Means over one cell, one after another: their impulse response is a quadratic B-spline, three cells long.
 ROUNDS = 3
 #: s; shortest and longest cell of a block: currents hold little beyond 20 Hz that bodies cause, motion of arms little
-#: beyond 5 Hz.
-SHORTEST_CELL, LONGEST_CELL = 0.024, 0.12
+#: beyond 5 Hz. Longest part of one whose current is kept, so that ripples of some 40 Hz are not averaged away.
+SHORTEST_CELL, LONGEST_CELL, PART = 0.024, 0.12, 0.012
 #: Noise of a cell's acceleration, as a share of the joint's RMS acceleration, that encoders may leave. Its square is
 #: the share by which inertia comes out too small, itself the error that thousands of cells average to.
 ACCELERATION_NOISE = 0.005
@@ -154,6 +154,8 @@ class Cells:
 
     `time` (M,) s; `position`, `velocity`, `acceleration` and `current` (M, J), the current NaN where the joint may
     stick or where one was not measured; `columns` of each joint are (M, p): A per unit of each parameter it feels.
+    Of the `width` samples of the cell itself are `variance` (M, J) A2 of the current about a straight line, and `parts`
+    (J, M, k, 2), means of current and position over k parts.
     """
 
     step: float
@@ -163,6 +165,9 @@ class Cells:
     acceleration: Floats
     current: Floats
     columns: tuple[Floats, ...]
+    variance: Floats
+    parts: Floats
+    width: int
 
 
 def cell_length(time: Floats, position: Floats, noise: Floats) -> float:
@@ -215,7 +220,19 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     columns = tuple(_summed(np.concatenate(part, axis=1)).T for part in zip(*parts, strict=True))
     drawn = _filtered(np.nan_to_num(sampled), width)
     drawn[_filtered(np.isnan(sampled).astype(float), width) > 1e-9] = np.nan
-    return Cells(width * step, even[0] + middle[:, 0], position, velocity, curve, drawn.T, columns)
+    count, k = inner.shape[1] // width - 2, max(round(width / max(int(PART / step + 1e-6), 1)), 1)
+    place, edges = np.arange(width)[:, None], np.arange(k + 1) * (width / k)
+    shares = np.maximum(np.minimum(place + 1, edges[1:]) - np.maximum(place, edges[:-1]), 0.0) * (k / width)
+    within = [v[:, width : (count + 1) * width].reshape(-1, count, width) for v in (current.T[:, 1:-1], inner)]
+    variance, measured = about_line(within[0]).T, np.stack([v @ shares for v in within], axis=-1)
+    time = even[0] + middle[:, 0]
+    return Cells(width * step, time, position, velocity, curve, drawn.T, columns, variance, measured, width)
+
+
+def about_line(values: Floats) -> Floats:
+    """(...) mean squares of (..., k) values about the straight line through them."""
+    way = np.arange(values.shape[-1]) - 0.5 * (values.shape[-1] - 1)
+    return np.asarray(values.var(axis=-1) - (values @ way) ** 2 / max(len(way) * float(way @ way), 1.0))
 
 
 def _filtered(values: Floats, width: int) -> Floats:

@@ -10,10 +10,14 @@ from test_rigid_body import engine, torques
 
 from pumaid.dataset import Dataset, Log
 from pumaid.diagnosis.candidates import spectrum
+from pumaid.diagnosis.diagnose import diagnose
+from pumaid.effect_spec import chosen_by
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.gls import fit_bins
 from pumaid.estimation.noise import noise_of
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
+from pumaid.model import Model
 from pumaid.preprocessing.binning import SegmentOptions
 from pumaid.preprocessing.parallel_filter import LONGEST_CELL, SHORTEST_CELL, cell_length, cells
 from pumaid.preprocessing.segment import segment
@@ -85,18 +89,76 @@ def test_cells_last_as_long_as_asked():
         assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(wanted, rel=1e-9)
 
 
-def test_ripples_are_promised_up_to_half_of_their_power():
-    """At the frequency up to which the limit of ripples holds, half of a wave's power is left in the cells."""
+@pytest.mark.parametrize("finest", [(), (1,)])
+def test_ripples_are_promised_up_to_half_of_their_power(finest):
+    """At the frequency up to which the limit of ripples holds, half of a wave's power is left in cells, or parts."""
     robot = read_recipe(shipped_recipes()["pendulum2"])
     t, (q, *_) = fourier(np.random.default_rng(5), 2, SECONDS, RATE)
     log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
-    (bins, _), noise = joint_bins(robot, segment([log], robot).runs), np.random.default_rng(1)
+    bins, noise = joint_bins(robot, segment([log], robot).runs, finest=finest)[0], np.random.default_rng(1)
     rest = noise.normal(size=len(bins))
     waves = spectrum(("ripple", 1), bins, noise_of(bins, rest), white=rest)
     fastest = float(waves.frequency[waves.visible][-1])
     rippled = replace(log, current=np.cos(fastest * q.T))
-    drawn = joint_bins(robot, segment([rippled], robot).runs)[0].current
-    assert np.mean(drawn**2) / 0.5 == pytest.approx(0.5, abs=0.05)
+    drawn = joint_bins(robot, segment([rippled], robot).runs, finest=finest)[0].current
+    assert np.mean(drawn**2) / 0.5 == pytest.approx(0.5, abs=0.06)
+
+
+def rippled(seed: int, waves: float, size: float, *, rate: float = RATE) -> tuple[Robot, Log]:
+    """A motion of 40 s with the engine's torques, friction, noise of 0.1 A, and waves a turn in joint 1."""
+    rng = np.random.default_rng(seed)
+    robot = read_recipe(shipped_recipes()["pendulum2"])
+    t, exact = fourier(rng, 2, 40.0, rate)
+    drawn = torques(engine(robot, rng)[0], exact).T + 0.5 * np.sign(exact[1]).T + rng.normal(0.0, 0.1, (len(t), 2))
+    drawn[:, 0] += size * np.cos(waves * exact[0][0] - 1.0)
+    return robot, Log("a.csv", np.arange(len(t)) + 2, t, exact[0].T, None, drawn)
+
+
+@pytest.mark.parametrize(("seed", "cell"), [(61, None), (62, 0.06), (63, 0.1)])
+def test_ripples_that_cells_average_away_are_fitted_in_their_parts(seed, cell):
+    """A wave of 18 Hz on average has its size, RMSE falls to the noise, and what else was fitted stays as it was."""
+    robot, log = rippled(seed, 150.0, 0.1)
+    dataset = segment([log], robot, options=SegmentOptions(cell=cell))
+    before, after = (
+        identify(dataset, robot, effects=chosen_by(robot, add=add)) for add in ((), ("ripple@1:frequency=150",))
+    )
+    values = {value.name: value for value in after.values}
+    ripple = values["ripple.j1.cos"].value + 1j * values["ripple.j1.sin"].value
+    assert abs(ripple - 0.1 * np.exp(1j)) < 4.0 * values["ripple.j1.cos"].std_error < 0.02
+    assert before.joint(1).rmse == pytest.approx(np.hypot(0.1, 0.1 / np.sqrt(2.0)), rel=0.05)
+    # Parts of 12 ms average some of it away, which stays.
+    speed = np.gradient(log.position[:, 0], log.time)
+    lost = 1.0 - np.mean(np.sinc(150.0 * speed[np.abs(speed) > 0.05] * 0.012 / (2.0 * np.pi)) ** 2)
+    rest = np.sqrt(0.1**2 + lost * 0.1**2 / 2.0)
+    assert after.joint(1).rmse == pytest.approx(rest, rel=0.05)
+    assert after.joint(1).noise_inside == pytest.approx(rest, rel=0.05)
+    for value in before.values:
+        if value.std_error is not None and values[value.name].value is not None:
+            assert abs(values[value.name].value - value.value) < 4.0 * value.std_error
+
+
+@pytest.mark.parametrize("size", [0.0, 0.05])
+def test_ripples_that_cells_average_away_are_named(size):
+    """Diagnosis of such motion names the wave, at its frequency, and of motion without any nothing."""
+    robot, log = rippled(64, 180.0, size)
+    dataset = segment([log], robot, options=SegmentOptions(cell=0.06))
+    estimate = identify(dataset, robot)
+    findings = diagnose(estimate, dataset, robot).findings
+    assert [(finding.effect, finding.joint) for finding in findings] == [("ripple", 1)] * bool(size)
+    assert all(finding.shape["frequency"] == pytest.approx(180.0, rel=0.01) for finding in findings)
+
+
+def test_cells_and_their_parts_have_one_mean_square():
+    """Of noise that is as slow as cells, too: what the filter of cells takes of it is scatter inside them."""
+    robot, log = rippled(65, 0.0, 0.0)
+    slow = np.random.default_rng(66).normal(0.0, 0.3, log.current.shape)
+    noise = np.apply_along_axis(np.convolve, 0, slow, np.full(9, 1.0 / 3.0), mode="same")
+    runs = segment([replace(log, current=log.current + noise)], robot, options=SegmentOptions(cell=0.06)).runs
+    fitted = fit_bins(Model.of_runs(robot, runs), joint_bins(robot, runs))
+    for finest in ((), (1, 2)):
+        for bins in joint_bins(robot, runs, finest=finest):
+            square = np.average(bins.squares(fitted.misfit(bins)), weights=bins.count)
+            assert np.sqrt(square) == pytest.approx(np.hypot(0.1, 0.3), rel=0.05)
 
 
 @pytest.mark.parametrize(("seconds", "kinds"), [(40.0, {"block"}), (6.0, set())])
