@@ -9,7 +9,7 @@ from pumaid.diagnosis.records import Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, Projector, elsewhere
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Floats, pseudo_inverse
+from pumaid.maths import Floats, inverse_root, pseudo_inverse
 
 #: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
 #: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
@@ -44,10 +44,17 @@ def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple
     return folds
 
 
-def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:
+def leave_out(
+    solved: Fit,
+    shapes: Sequence[EffectTerm],
+    folds: Sequence[tuple[int, tuple[int, ...]]],
+    *,
+    prior: Floats | None = None,
+) -> FoldLosses:
     """Leave each fold out, choose one of the effect's shapes and fit without it, and see what it then predicts.
 
-    Everything is done on Gram matrices of the whole less those of the fold.
+    Everything is done on Gram matrices of the whole less those of the fold. `prior` (m,) is added to the information of
+    the effect's parameters.
 
     Source
     ------
@@ -64,6 +71,9 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
     half = solved.solution.linear.half
     places, falls, squares = np.arange(len(slope)).reshape(len(shapes), -1), [], np.zeros(3)
     units = unit[places][:, :, None] * np.eye(places.shape[1])
+    firm = np.zeros((places.shape[1],) * 2) if prior is None else np.diag(prior)
+    if prior is not None:
+        units = inverse_root(gram - whole_cross.T @ (solved.inverse @ whole_cross) + firm)[None]
     remaining = {row.bins.joint: row.bins.inside_left(row.bins.current - row.misfit) for row in solved.joints}
     for joint, runs in folds:
         row = solved.by_bin[joint]
@@ -75,7 +85,7 @@ def leave_out(solved: Fit, shapes: Sequence[EffectTerm], folds: Sequence[tuple[i
         turned = inverse @ cross
         score = slope - C.T @ r - cross.T @ move
         alone = (gram - C.T @ C - cross.T @ turned)[places[:, :, None], places[:, None, :]]
-        fitted = np.einsum("kvw,kw->kv", _inverse(alone, units), score[places])
+        fitted = np.einsum("kvw,kw->kv", _inverse(alone + firm, units), score[places])
         best = int(np.argmax(np.sum(score[places] * fitted, axis=1)))
         place, sizes = places[best], fitted[best]
         error, bare = r - J @ move, row.bare[bins]

@@ -13,6 +13,7 @@ from pumaid.diagnosis.candidates import Candidates, Suspect
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.detection_limits import detection_limits
 from pumaid.diagnosis.free_forms import FORM_VARIABLES, FreeForm, free_form_scores, knot_values
+from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer, rmse_of
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
@@ -20,6 +21,7 @@ from pumaid.diagnosis.records import (
     CAUSES,
     DOUBTFUL,
     MISSING,
+    STAND_IN,
     UNEXPLAINED_JOINT,
     Binned,
     Candidate,
@@ -44,6 +46,7 @@ from pumaid.diagnosis.stepwise import (
 )
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
 from pumaid.effects import Family, Samples, catalogue
+from pumaid.effects.curve import knots_of, spoken_form
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit, Projector
@@ -53,7 +56,7 @@ from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.results.documents import check_same_recipe, model_digest
-from pumaid.robot import Robot
+from pumaid.robot import SHAPE_WORDS, Robot
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.
 IDENTIFY = "pumaid identify LOGS"
@@ -216,6 +219,9 @@ def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -
     """The variable in which an effect lives."""
     column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, term.effect
     position = samples.position[:, column]
+    shown = VARIABLES.get(effect.family, "")
+    if effect.is_free:
+        shown = SHAPE_WORDS["of"][int(term.shape["of"])]
     if isinstance(effect, Suspect) and samples.extra is not None:
         return Axis(effect.column, "", samples.extra[:, effect.place])
     frequency = term.shape.get(effect.periodic or "", 0.0)
@@ -238,7 +244,7 @@ def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -
         axes["load"] = Axis("gravity load", "A", samples.loads.moving)
         if "side" in effect.name:
             axes["load"] = Axis("moment across the axis", "A", samples.loads.across)
-    return axes.get(VARIABLES.get(effect.family, ""), Axis("what it adds", "A", change))
+    return axes.get(shown, Axis("what it adds", "A", change))
 
 
 def _means(values: Floats, label: Floats, run: Floats) -> tuple[Floats, Floats, Floats]:
@@ -354,6 +360,7 @@ class DiagnosisBuilder:
             joint: joint_verdict(self.fits[0], self.fits[-1], joint=joint, acting=joint in acting)
             for joint in self.fits[0].by_bin
         }
+        self.offers = list[CurveOffer]()
         self.refuted = {joint for item in search.denied for joint in item.after} - acting
         self.refuted |= {
             joint
@@ -361,6 +368,26 @@ class DiagnosisBuilder:
             if item.transfer is not None and item.transfer.is_partial
             for joint in item.after
         }
+        for joint in self.verdicts:
+            is_open = self.verdicts[joint].verdict == UNEXPLAINED_JOINT or self._shape(joint) is not None
+            self.offers += [made] if (made := offer(search, joint, is_unexplained=is_open)) else []
+        self.stand_ins = {item for made in self.offers for item in made.stand_ins}
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What should be added, curves last; effects that only stood in for a curve are none."""
+        accepted = enumerate(self.search.accepted)
+        effects = [self.finding(place, item) for place, item in accepted if item not in self.stand_ins]
+        return (*effects, *(self._learned(made) for made in self.offers))
+
+    def _learned(self, made: CurveOffer) -> Finding:
+        """A curve as what to add."""
+        joint, unseen = made.candidate.trial.added.joint or 0, self.search.heldout()
+        facts = self._facts(made.candidate, ())
+        if any(bins.joint == joint for bins in unseen):
+            before, after = (rmse_of(fit, unseen, joint) for fit in (made.before, made.after))
+            facts |= {"rmse_heldout_before": before, "rmse_heldout_after": after}
+        curves, why = (self._curve(made.candidate, joint),), reason(made.candidate)
+        return Finding(**facts, verdict=ADD, reason=why, curves=curves, transfer=made.candidate.transfer)
 
     def finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
         """What to add, the `place`-th (from 0) that was found."""
@@ -430,6 +457,11 @@ class DiagnosisBuilder:
 
         Where runs held out deny what could be named, or show not all of it, the shape nearest to what is left.
         """
+        for made in self.offers:
+            term = made.candidate.trial.added
+            forms = free_form_scores(made.before, joint) if term.joint == joint else []
+            for form in (form for form in forms if form.added.effect.name == spoken_form(term.shape)):
+                return _shape(made.before, form, is_clear=True)
         if joint in self.refuted:
             return free_shape(self.fits[-1], joint)
         named = [item for item in self.search.accepted if item.key[1] == joint]
@@ -454,6 +486,8 @@ class DiagnosisBuilder:
         return next((x for x in self.search.accepted if candidate.key in [rival.key for rival in x.rivals]), None)
 
     def _verdict(self, candidate: EvaluatedCandidate) -> str:
+        if candidate in self.stand_ins:
+            return STAND_IN
         if candidate.key in [item.key for item in self.search.accepted] and candidate.fault != "denied":
             return ADD
         return DOUBTFUL if self._partner(candidate) is not None or candidate.p_value <= LEVEL else ABSENT
@@ -467,7 +501,9 @@ class DiagnosisBuilder:
         return Candidate(
             **self._facts(candidate, like),
             verdict=verdict,
-            reason=reason(candidate, None if verdict == ADD or partner or better is None else better.key[0]),
+            reason="it takes only a part of what a learned curve explains decidedly better"
+            if verdict == STAND_IN
+            else reason(candidate, None if verdict == ADD or partner or better is None else better.key[0]),
         )
 
     def _facts(self, candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
@@ -478,13 +514,16 @@ class DiagnosisBuilder:
         return {
             "effect": term.effect.name,
             "joint": term.joint,
-            "shape": dict(term.shape),
+            "shape": dict(term.effect.chosen(term.shape) if term.effect.is_free else term.shape),
             "p_value": candidate.p_value,
             "evidence": candidate.evidence,
             "rmse_after": min(candidate.after.values(), default=None),
             "rmse_heldout_before": falls.before,
             "rmse_heldout_after": falls.after,
-            "sizes": sizes(term, self.robot, candidate.trial.sizes, covariance=covariance_of(candidate)),
+            "sizes": curve_size(candidate)
+            if term.effect.is_free
+            else sizes(term, self.robot, candidate.trial.sizes, covariance=covariance_of(candidate)),
+            "knots": knots_of(term.shape) if term.effect.is_free else (),
             "rivals": tuple(name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys),
             "command": option and f"{IDENTIFY} --add {option}",
         }
@@ -543,7 +582,7 @@ def diagnose(
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
-        findings=tuple(builder.finding(place, item) for place, item in enumerate(search.accepted)),
+        findings=builder.findings(),
         model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},
         notes=(*causes, *held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),

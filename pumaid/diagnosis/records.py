@@ -21,7 +21,7 @@ DIAGNOSIS_NAME = "diagnosis.json"
 #: Verdicts of a joint.
 ADEQUATE, MISSING, UNEXPLAINED_JOINT = "adequate", "missing", "unexplained"
 #: Verdicts of a candidate.
-ADD, DOUBTFUL, ABSENT, UNSEEN = "add", "doubtful", "absent", "unseen"
+ADD, DOUBTFUL, ABSENT, UNSEEN, STAND_IN = "add", "doubtful", "absent", "unseen", "stand_in"
 #: Share of an effect below which adding it does runs that were held out more harm than good, standard errors below it
 #: at which these deny the effect, and the standard error beyond which they say nothing of it. Twice the log likelihood
 #: of runs held out that an effect may lose them.
@@ -81,6 +81,7 @@ class Candidate:
     catalogue looks as good where nothing is missing. `evidence` is twice the gain in log likelihood, less
     (parameters) x log(samples' worth); differences of 10 are decisive. `rmse_after` (A) is of the joint's fitted runs,
     all else refitted; `rmse_heldout_before` and `_after` (A) of fitted runs as fits to the other runs predict them.
+    `knots` are a learned curve's, in its variable.
     """
 
     effect: str
@@ -96,6 +97,7 @@ class Candidate:
     sizes: tuple[Size, ...] = ()
     rivals: tuple[str, ...] = ()
     command: str = ""
+    knots: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

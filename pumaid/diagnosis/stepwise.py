@@ -210,14 +210,20 @@ class Stepwise:
         """Bins of runs that are not fitted: the finest of joints that have a periodic effect, else coarse ones."""
         return _chosen(self._unseen, self.added)
 
-    def solved(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
+    def solved(
+        self,
+        added: Sequence[EffectTerm],
+        noises: Mapping[int, NoiseModel] | None = None,
+        *,
+        beside: Sequence[EffectTerm] = (),
+    ) -> Fit:
         """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones.
 
-        Weighted by `noises` by joint, else by the noise that is left with `added`.
+        Weighted by `noises` by joint, else by the noise that is left with `added`; bins are those of `beside`, too.
         """
         if noises is None and self._latest is not None and self._latest[0] == list(added):
             return self._latest[1]
-        fitted = self._unsized(added, noises)
+        fitted = self._unsized(added, noises, beside)
         if noises is None or added:
             sized = [
                 term.searched(self.model.robot).at({}, fitted.sizes(place).tolist())
@@ -229,9 +235,14 @@ class Stepwise:
             self._latest = (list(added), fitted)
         return fitted
 
-    def _unsized(self, added: Sequence[EffectTerm], noises: Mapping[int, NoiseModel] | None = None) -> Fit:
+    def _unsized(
+        self,
+        added: Sequence[EffectTerm],
+        noises: Mapping[int, NoiseModel] | None = None,
+        beside: Sequence[EffectTerm] = (),
+    ) -> Fit:
         """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
-        model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self._bins, added)
+        model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self._bins, [*added, *beside])
         fitted = refit(self._first, model, bins=bins, noise=noises, like=self._like)
         if noises is None:
             self._like = fitted

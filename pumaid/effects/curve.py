@@ -96,6 +96,11 @@ def _is_drawn(shape: Mapping[str, float]) -> Flags:
     return np.arange(SEGMENTS + 2) >= bool(is_viscous)
 
 
+def knots_of(shape: Mapping[str, float]) -> tuple[float, ...]:
+    """Knots of a curve, in its variable."""
+    return tuple(np.linspace(shape["low"], shape["high"], SEGMENTS + 1).tolist())
+
+
 def spoken_form(shape: Mapping[str, float]) -> str:
     """A curve as free forms are called, ``s f(q)``."""
     factor = ("|v| ", "v ")[int(shape["odd"])] if shape["times"] else ("", "s ")[int(shape["odd"])]

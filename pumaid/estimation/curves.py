@@ -20,14 +20,15 @@ from pumaid.robot import SHAPE_WORDS
 USUAL = {(0, 0, 0), (0, 1, 0), (0, 1, 1), (1, 1, 0), (2, 1, 0), (3, 1, 0), (4, 0, 0), (4, 1, 0), (5, 1, 0)}
 #: Deviations of bends that are tried, as shares of the joint's current: the error of the fit hardly changes with a
 #: step. Range of a variable, as a share of its size, below which it does not vary.
-SPREADS, STANDS = np.geomspace(1e-6, 10.0, 71), 1e-6
+SPREADS, STANDS = np.geomspace(1e-5, 10.0, 41), 1e-6
 
 
 def learned(projector: Projector, term: EffectTerm) -> tuple[EffectTerm, float]:
     """The curve, with the shapes that `term` states, that explains best what a fit leaves, and its evidence.
 
-    Evidence is twice the gain in log marginal likelihood, the variance that which is left with the curve, less what
-    choosing the smoothness gains by chance. Raises ModelError (effect-shape) where no variable varies.
+    Form and smoothness have the largest marginal likelihood, the variance that which is left with the curve. Evidence
+    is as of any effect: twice the gain in log likelihood less (effective degrees of freedom and smoothness) x
+    log(runs). Raises ModelError (effect-shape) where no variable varies.
 
     Source: S. N. Wood, Generalized Additive Models, 2nd ed., section 6.2 (REML as marginal likelihood), 6.2.1 (in the
     eigenbasis); D. Ruppert, M. P. Wand and R. J. Carroll, Semiparametric Regression, section 4.9.
@@ -38,7 +39,7 @@ def learned(projector: Projector, term: EffectTerm) -> tuple[EffectTerm, float]:
         word = SHAPE_WORDS["of"][int(term.shape["of"])] if "of" in term.shape else "variable"
         what = f"the {word} hardly varies in the runs of joint {term.number}, so no curve of it can be learned"
         raise ModelError("effect-shape", what, Where(joint=term.joint, field="curve"), "leave it out")
-    evidence, spread, form = max(usable, key=lambda item: item[0])
+    _, evidence, spread, form = max(usable, key=lambda item: item[0])
     return form.at({"spread": term.shape.get("spread", spread)}), evidence
 
 
@@ -58,13 +59,15 @@ def _forms(projector: Projector, term: EffectTerm) -> Iterator[EffectTerm]:
             yield term.at({**shape, "low": given.get("low", low), "high": given.get("high", high)})
 
 
-def _smoothed(projector: Projector, term: EffectTerm) -> tuple[float, float] | None:
-    """Evidence of a curve and the deviation of its bends (A) at which its marginal likelihood is highest."""
+def _smoothed(projector: Projector, term: EffectTerm) -> tuple[float, float, float] | None:
+    """The highest marginal likelihood of a curve (twice its logarithm's gain), its evidence and the deviation of its
+    bends (A) there."""
     solved, columns = projector.solved, projector.columns([term])
     if not columns:
         return None
     scores, information, _ = projector.scores(projector.whitened(columns), COEFFICIENTS.shape[1])
-    total, bins, best = scores.sum(axis=0), solved.by_bin[term.number].bins, (-np.inf, 0.0)
+    total, bins, best = scores.sum(axis=0), solved.by_bin[term.number].bins, (-np.inf, 0.0, 0.0)
+    runs = sum(len(row.bins.runs) for row in solved.joints) / len(solved.joints)
     usual, count = np.sqrt(bins.mean_square), max(solved.size - solved.rank, 1)
     for share in SPREADS:
         root = usual * np.append(1.0, np.full(len(total) - 1, share))
@@ -72,10 +75,20 @@ def _smoothed(projector: Projector, term: EffectTerm) -> tuple[float, float] | N
         values = np.maximum(values, 0.0)
         fall = float(np.sum((vectors.T @ (root * total)) ** 2 / (1.0 + values)))
         remaining = max(solved.square - fall, 1e-9 * solved.square)
-        gain = count * np.log(solved.square / remaining) - float(np.log1p(values).sum())
-        if gain > best[0]:
-            best = float(gain), float(usual * share * np.sqrt(remaining / count))
-    return best[0] - float(np.log(max(len(bins.runs), 2))), best[1]
+        gain = float(count * np.log(solved.square / remaining))
+        freedom, likelihood = float(np.sum(values / (1.0 + values))), gain - float(np.log1p(values).sum())
+        if likelihood > best[0]:
+            evidence = gain - (freedom + 1.0) * float(np.log(max(runs, 2.0)))
+            best = likelihood, evidence, float(usual * share * np.sqrt(remaining / count))
+    return best
+
+
+def informed(projector: Projector, curve: EffectTerm) -> tuple[Floats, Floats, Floats, Floats]:
+    """(R, K) scores and (K, K) information of a curve's coefficients, (K,) what their prior adds, and these (A)."""
+    scores, information, _ = projector.scores(projector.whitened(projector.columns([curve])), COEFFICIENTS.shape[1])
+    usual = np.sqrt(projector.solved.by_bin[curve.number].bins.mean_square)
+    prior = np.append(usual, np.full(len(COEFFICIENTS.T) - 1, curve.shape["spread"])) ** -2.0
+    return scores, information[0], prior, np.linalg.solve(information[0] + np.diag(prior), scores.sum(axis=0))
 
 
 def curve_values(fitted: Fit, covariance: Floats) -> Iterator[Value]:

@@ -7,6 +7,7 @@ import numpy as np
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
+    STAND_IN,
     UNEXPLAINED_JOINT,
     UNSEEN,
     Candidate,
@@ -75,7 +76,12 @@ NO_BIAS = 1e-4
 SMALLEST_TERM = 1e-3
 
 #: Verdict -> its words and tone; others are said as they are.
-VERDICTS = {ADD: ("add", "alarm"), ABSENT: ("absent", "absent"), UNSEEN: ("not testable", "unknown")}
+VERDICTS = {
+    ADD: ("add", "alarm"),
+    ABSENT: ("absent", "absent"),
+    UNSEEN: ("not testable", "unknown"),
+    STAND_IN: ("stands in", "weak"),
+}
 
 NONE = Cell("-", tone="absent")
 EMPTY = Paragraph("")

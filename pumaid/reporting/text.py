@@ -23,6 +23,7 @@ from pumaid.diagnosis.records import (
     Unexplained,
 )
 from pumaid.effects import Scope, catalogue
+from pumaid.effects.curve import spoken_form
 from pumaid.errors import Note
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointResult, Value
 from pumaid.estimation.evaluate import Budget, BudgetPart, JointScore
@@ -399,16 +400,14 @@ def bare(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
-# Findings
-
-
 def finding_title(finding: Finding, diagnosis: Diagnosis, robot: Robot) -> str:
     """Where and what, with the effects that these data do not separate from it; of what was added, that it is there."""
     where = "The whole arm" if finding.joint is None else joint_title(robot, finding.joint)
     head = f"{where}: {label(finding.effect)}"
     if any(finding is item for item in diagnosis.applied):
         return f"{head} was missing and is now in the model"
-    return f"{head} {'is missing' if finding.verdict == ADD else 'may be missing'}{_rivals(finding)}"
+    state = "explains what no effect of the catalogue does" if "of" in finding.shape else "is missing"
+    return f"{head} {state if finding.verdict == ADD else 'may be missing'}{_rivals(finding)}"
 
 
 def _rivals(finding: Finding) -> str:
@@ -452,7 +451,8 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
         sizes.append(f"{size.name.rsplit('.', 1)[-1]} = {value}{f' ± {error}' if error else ''} {unit}".rstrip())
     effect = catalogue().get(finding.effect)
     unit_of = {item.name: bare(item.unit) for item in effect.shapes(robot, finding.joint or 0)} if effect else {}
-    for name, amount in finding.shape.items():
+    shape += [f"the form {spoken_form(finding.shape)}"] if "of" in finding.shape else []
+    for name, amount in () if shape else finding.shape.items():
         scale, unit = in_unit(unit_of.get(name, ""), units)
         shape.append(f"{name} {scale * amount:.4g} {unit}".rstrip())
     words = SUSPECT_FORMS[int(finding.shape.get("times", 0.0))] if is_column else listed(shape)
@@ -472,9 +472,6 @@ def decision_sentence(finding: Finding) -> str:
         return f"{text[:1].upper()}{text[1:]}."
     times = f", each {plural(run.repeats, 'time')}" if run.repeats and run.repeats > 1 else ""
     return f"To decide: {text} ({plural(len(run.motions), 'run')}{times}; written by pumaid diagnose --plan FILE)."
-
-
-# Adding effects
 
 
 def step_sentence(finding: Finding, before: Estimate, after: Estimate, *, robot: Robot, number: int) -> str:
@@ -500,17 +497,18 @@ def left_out_sentence(finding: Finding, *, runs: str, before: float, after: floa
     )
 
 
-# Verdicts
-
-
 def headline(diagnosis: Diagnosis, robot: Robot) -> str:
     """The diagnosis in one sentence."""
-    missing = [_named(finding, robot) for finding in diagnosis.findings if finding.verdict == ADD]
+    missing = [_named(item, robot) for item in diagnosis.findings if item.verdict == ADD and "of" not in item.shape]
     doubtful = [_named(finding, robot) for finding in diagnosis.findings if finding.verdict != ADD]
     strange = [str(joint.joint) for joint in diagnosis.joints if joint.verdict == UNEXPLAINED_JOINT]
     parts = [f"{listed(missing)} {'is' if len(missing) == 1 else 'are'} missing"] if missing else []
     if strange:
-        parts.append(f"at joint{'s' * (len(strange) > 1)} {listed(strange)} no known effect explains the residual")
+        curves = listed([f"joint {item.joint}" for item in diagnosis.findings if "of" in item.shape])
+        does = f" (a learned curve does at {curves})" if curves else ""
+        parts.append(
+            f"at joint{'s' * (len(strange) > 1)} {listed(strange)} no known effect explains the residual{does}"
+        )
     parts += [f"{listed(doubtful)} may be missing"] if doubtful else []
     other = [joint.joint for joint in diagnosis.joints if joint.verdict not in (ADEQUATE, UNEXPLAINED_JOINT)]
     if not parts and other:
