@@ -11,11 +11,13 @@ from pathlib import Path
 
 import diagnoses
 import ladders
+import numpy as np
 import pytest
 import report_contexts
 import worlds
 
-from pumaid.reporting.page import report_files
+from pumaid.estimation.evaluate import JointPrediction, predictions, rmse
+from pumaid.reporting.page import ReportContext, page, report_files, what_if
 
 pytestmark = pytest.mark.browser
 
@@ -131,6 +133,109 @@ def contrast(ink: str, paper: str) -> float:
     """Contrast of two colours (WCAG 2.1)."""
     high, low = sorted((luminance(ink), luminance(paper)), reverse=True)
     return (high + 0.05) / (low + 0.05)
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory) -> tuple[ReportContext, str]:
+    """A six-joint arm of which stribeck friction is said to be missing at joint 1, in degrees, and its page."""
+    context = replace(report_contexts.small(worlds.STANFORD, units="deg"), diagnosis=diagnoses.small())
+    path: Path = tmp_path_factory.mktemp("live") / "report.html"
+    path.write_text(page(context, [(part, part.content(context)) for part in what_if.SECTIONS], {}), encoding="utf-8")
+    return context, path.as_uri()
+
+
+#: Helpers of a script in the page: a joint is chosen (from 1), a parameter gets a value, an effect is switched.
+HANDS = """
+const all = (s) => [...document.querySelectorAll('.what-if ' + s)];
+const tell = (node, kind) => node.dispatchEvent(new Event(kind));
+const joint = (n) => { const box = all('[name=joint]')[0]; box.selectedIndex = n - 1; tell(box, 'change'); };
+const bar = (name) => all('.slider').find((r) => r.innerText.includes(name)).querySelector('[type=range]');
+const move = (name, by) => { bar(name).value = Number(bar(name).value) + by; tell(bar(name), 'input'); };
+const tick = (name) => all('legend label').find((l) => l.textContent.startsWith(name)).querySelector('input').click();
+const errors = () => all('.numbers dd').map((d) => d.firstChild.textContent);
+"""
+
+
+def program(context: ReportContext, joint: int, changes: dict[str, float]) -> list[str]:
+    """RMSE of fitted and held-out runs of a joint by the program, to four digits; `changes` are new parameters."""
+    names, solution = context.estimate.names, context.estimate.solution.copy()
+    for name, value in changes.items():
+        solution[names.index(name)] = value
+    part = predictions(replace(context.estimate, solution=solution), context.dataset, context.robot)[joint]
+    return [digits(rmse([(part, runs)])) for runs in (part.counted, part.heldout) if runs.any()]
+
+
+def digits(value: float) -> str:
+    """An RMSE as the page shows it."""
+    return f"{value:#.4g} A"
+
+
+def test_errors_follow_a_slider_as_the_program_says(browser, live):
+    """RMSE of fitted and unseen runs is that of the program with the parameter changed, whatever was moved before."""
+    context, address = live
+    shown(browser, address, width=1600)
+    value = dict(zip(context.estimate.names, context.estimate.solution, strict=True))
+    texts = browser.execute_script(HANDS + "joint(6); move('coulomb.j6.plus', 0.03); return errors();")
+    assert texts[:2] == program(context, 6, {"coulomb.j6.plus": value["coulomb.j6.plus"] + 0.03})
+    texts = browser.execute_script(HANDS + "move('viscous.j6.minus', 0.0004); return errors();")  # A s/deg
+    changes = {"coulomb.j6.plus": 0.03, "viscous.j6.minus": 0.0004 * 180.0 / np.pi}
+    assert texts[:2] == program(context, 6, {name: value[name] + by for name, by in changes.items()})
+    texts = browser.execute_script(HANDS + "joint(2); move('gravity.l2.x', 0.02); return errors();")
+    assert texts[0] == program(context, 2, {"gravity.l2.x": value["gravity.l2.x"] + 0.02})[0]
+
+
+def test_an_effect_that_is_off_is_as_the_program_says(browser, live):
+    """Without gravity, that of links further out too, the RMSE is the program's; Reset brings the model back."""
+    context, address = live
+    shown(browser, address, width=1600)
+    texts = browser.execute_script(HANDS + "joint(2); tick('gravity'); return errors();")
+    weights = {name: 0.0 for name in context.estimate.names if name.startswith("gravity")}
+    assert texts[0] == program(context, 2, weights)[0] != program(context, 2, {})[0]
+    texts = browser.execute_script(HANDS + "all('[name=reset]')[0].click(); return errors();")
+    assert texts[0] == program(context, 2, {})[0]
+
+
+def least_squares(part: JointPrediction, columns: list[np.ndarray]) -> str:
+    """The RMSE of a least-squares fit of (N,) columns to the counted runs of a joint."""
+    weight = np.sqrt(part.bins.count * part.counted[part.bins.run])
+    matrix, current = np.column_stack(columns) * weight[:, None], part.bins.current * weight
+    left = current - matrix @ np.linalg.lstsq(matrix, current, rcond=None)[0]
+    return digits(np.sqrt((left @ left + weight**2 @ part.inside) / (weight @ weight)))
+
+
+def test_best_fit_and_a_missing_effect_are_least_squares(browser, live):
+    """With an effect off the rest is refitted; an effect that is ticked is fitted with the rest, at its shape."""
+    context, address = live
+    part = predictions(context.estimate, context.dataset, context.robot)[1]
+    columns = dict(zip(context.estimate.names, part.design.T, strict=True))
+    coulomb, speed = [columns["coulomb.j1.plus"], columns["coulomb.j1.minus"]], part.bins.samples.velocity[:, 0]
+    shown(browser, address, width=1600)
+    without = browser.execute_script(HANDS + "tick('viscous'); all('[name=fit]')[0].click(); return errors();")[0]
+    assert without == least_squares(part, coulomb)
+    added = browser.execute_script(HANDS + "tick('stribeck'); return errors();")[0]
+    stribeck = np.sign(speed) * np.exp(-np.abs(speed) / 0.12)
+    assert added == least_squares(part, [*coulomb, stribeck]) and float(added[:-2]) < float(without[:-2])
+
+
+def test_sliders_are_fast(browser, live):
+    """A slider of each of six joints is moved, and the plots are drawn, in less than a third of a second."""
+    shown(browser, live[1], width=1600)
+    time = browser.execute_async_script(
+        HANDS
+        + """const done = arguments[0]; let sum = 0;
+        (async () => {
+          for (let n = 1; n < 7; n++) {
+            joint(n);
+            await null;
+            const start = performance.now();
+            move('coulomb', 0.01);
+            await null;  // uPlot draws once all is told
+            sum += performance.now() - start;
+          }
+          done(sum);
+        })();"""
+    )
+    assert 0.0 < time < 300.0
 
 
 def test_prints_to_several_pages(browser, address):

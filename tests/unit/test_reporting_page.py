@@ -1,6 +1,7 @@
 """The report: one file, nothing from outside, each section found, names escaped."""
 
 import io
+import json
 import re
 from dataclasses import replace
 from html import unescape
@@ -8,14 +9,28 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import diagnoses
+import numpy as np
 import pandas as pd
 import pytest
 import report_contexts
+import worlds
 from ladders import experiment
 
+import pumaid
+from pumaid.diagnosis.compare import compare
+from pumaid.estimation.evaluate import predictions, rmse
 from pumaid.reporting.documents import parameters_as, parameters_frame
-from pumaid.reporting.page import SECTIONS, all_contents, all_figures, page, report_files
+from pumaid.reporting.page import (
+    SECTIONS,
+    ReportContext,
+    all_contents,
+    all_figures,
+    page,
+    report_files,
+    what_if,
+)
 from pumaid.results.history import ladder_of
+from pumaid.robot import EffectChoice
 
 
 class Outline(HTMLParser):
@@ -51,6 +66,16 @@ def context():
 
 
 @pytest.fixture(scope="module")
+def ripple():
+    """The same arm logged fast, with a ripple in its model."""
+    robot = replace(worlds.PENDULUM, effects=(EffectChoice("ripple", 1, {"frequency": 8.0}),))
+    plan = worlds.experiment(worlds.PENDULUM, postures=1, speeds=(0.3, 0.8))
+    dataset = worlds.dataset(worlds.drawn(worlds.PENDULUM), plan, rate=400.0)
+    estimate = pumaid.identify(dataset, robot)
+    return ReportContext(robot, estimate, dataset, compare(estimate, dataset, robot))
+
+
+@pytest.fixture(scope="module")
 def files(context):
     """Its report."""
     return dict(report_files(context, ["svg"]))
@@ -64,7 +89,8 @@ def html(files):
 
 def words_of(context, *names: str, drawn: str = "") -> str:
     """A page of these sections whose words are looked at: of its figures only `drawn` is drawn."""
-    contents = [(section, section.content(context)) for section in SECTIONS if section.name in names]
+    sections = (*SECTIONS, *what_if.SECTIONS)
+    contents = [(section, section.content(context)) for section in sections if section.name in names]
     shown = [(section, content) for section, content in contents if content is not None]
     figures = {figure.name: figure for figure in all_figures(shown)}
     pictures = dict.fromkeys(figures, "<svg/>")
@@ -79,7 +105,7 @@ def section(html: str, name: str) -> str:
 def test_sections_are_on_the_page_in_order(context, html):
     """Each section can be reached by its anchor; ids are unique, figures included."""
     names = [part.name for part, _ in all_contents(context)]
-    order = "summary arm data parameters prediction residuals diagnosis limits sources"
+    order = "summary what_if arm data parameters prediction residuals diagnosis limits sources"
     assert names == order.split()
     ids = outline(html).ids
     assert [name for name in ids if name in names] == names and len(ids) == len(set(ids)) > 20
@@ -90,7 +116,7 @@ def test_page_needs_nothing_from_outside(html):
     """Each reference points into the page."""
     outside = [ref for ref in outline(html).references if not ref.startswith("#") and ref != "data:,"]
     assert outside == [] and "@import" not in html and not re.search(r"url\((?!#)", html)
-    assert "script" not in outline(html).tags
+    assert outline(html).tags.count("script") == 3  # data, uPlot and what moves them, all of them inside
 
 
 def test_names_are_text_not_markup():
@@ -98,6 +124,35 @@ def test_names_are_text_not_markup():
     parsed = outline(words_of(report_contexts.hostile(), "summary", "data", "parameters", drawn="spent"))
     assert "script" not in parsed.tags
     assert any(report_contexts.HOSTILE in text for text in parsed.texts)
+
+
+def test_what_can_be_moved_is_plain_json(html):
+    """Numbers are finite, names cannot end the script, and the library states its licence."""
+    hostile = words_of(report_contexts.hostile(), "what_if")
+    for text in (html, hostile):
+        data = re.search(r'id="what_if_data">(.*?)</script>', text, re.DOTALL)[1]
+        joints = json.loads(data, parse_constant=pytest.fail)
+        assert len(joints) == 2 and "<" not in data and "uPlot (v1.6" in text
+    assert all(report_contexts.HOSTILE in joint["title"] for joint in joints)
+
+
+@pytest.mark.parametrize(
+    ("name", "by", "within"),
+    [("coulomb.j1.plus", 0.1, 1e-9), ("gravity.l1.y", 0.05, 1e-5), ("ripple.j1.cos", 0.02, 5e-3)],
+)
+def test_sums_of_products_are_the_programs_errors(ripple, name, by, within):
+    """At many samples a bin, too, where a current that changes inside a bin leaves less than its noise there."""
+    context, estimate = ripple, ripple.estimate
+    joint = what_if.what_if(context)["joints"][0]
+    columns = [joint["parameters"][p].get("name") for p, *_ in joint["columns"]]
+    change, square = np.array([by * (column == name) for column in columns] + [-1.0]), 0.0
+    for triangle in joint["errors"][0]["grams"]:
+        gram = np.zeros((len(change), len(change)))
+        gram[np.triu_indices(len(change))] = triangle
+        square += max(change @ (gram + np.triu(gram, 1).T) @ change, 0.0)
+    solution = estimate.solution + by * (np.array(estimate.names) == name)
+    part = predictions(replace(estimate, solution=solution), context.dataset, context.robot)[1]
+    assert np.sqrt(square / joint["errors"][0]["samples"]) == pytest.approx(rmse([(part, part.counted)]), rel=within)
 
 
 def test_summary_comes_before_tables(context, html):
