@@ -124,6 +124,12 @@ def _times(header: Sequence[str], position: str) -> tuple[list[str], bool]:
     return (candidates or [[]])[0], bool(single or pairs or len(more) == 1)
 
 
+def stated_unit(text: str, quantity: str) -> str:
+    """The unit that a file states of a column, as in a line of units."""
+    word = text.strip("[]() ")
+    return word if word in UNITS else unit_in(word, quantity)
+
+
 def unit_in(name: str, quantity: str) -> str:
     """The unit of a quantity that a name tells, if any."""
     units = _UNIT_WORDS.get(quantity, {}).items()

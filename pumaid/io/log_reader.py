@@ -16,7 +16,7 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import guessed, log_block, paste_block, unit_in
+from pumaid.io.column_names import guessed, log_block, paste_block, stated_unit, unit_in
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
@@ -184,8 +184,9 @@ class Columns:
         wanted = {q: [robot.log.column(q, joint.number) for joint in robot.joints] for q in QUANTITIES}
         wanted["extra"] = list(extra)
         refuse(_faults(schema, robot, wanted, name))
-        log, unit = robot.log, schema[header.index(robot.log.time)].unit
-        self.names, factors, zeros = [log.time], [factor(unit or log.units.get("time", "s"))], [0.0]
+        log, units = robot.log, {column.name: column.unit for column in schema}
+        unit = stated_unit(units[log.time], "time") or log.units.get("time", "s")
+        self.names, factors, zeros = [log.time], [factor(unit)], [0.0]
         self.fraction = (log.fraction, factor(unit_in(log.fraction, "time") or "ns")) if log.fraction else None
         self.encoded: dict[int, Conversion] = {}
         self.places: dict[str, Counts] = {}
@@ -208,7 +209,12 @@ class Columns:
                 [(k, len(self.names) + count) for count, k in enumerate(present)], dtype=np.int64
             ).reshape(-1, 2)
             self.names += map(str, present.values())
-            factors += [1.0 if quantity == "extra" else factor_of(robot, quantity, robot.joints[k]) for k in present]
+            factors += [
+                1.0
+                if quantity == "extra"
+                else factor_of(robot, quantity, robot.joints[k], unit=stated_unit(units[str(column)], quantity))
+                for k, column in present.items()
+            ]
         beyond = [
             template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="")
             for template in (robot.log.position, robot.log.current)
@@ -440,16 +446,16 @@ class Cleaner:
         return notes
 
 
-def factor_of(robot: Robot, quantity: str, joint: Joint) -> float:
+def factor_of(robot: Robot, quantity: str, joint: Joint, *, unit: str = "") -> float:
     """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position.
 
     ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
-    for revolute, mm for prismatic ones); without a word it is SI.
+    for revolute, mm for prismatic ones); without a word it is SI. A `unit` that the file states goes before them.
     """
     position = joint.position_unit
     si = {"position": position, "velocity": f"{position}/s", "current": "A", "temperature": "degC"}[quantity]
     words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
-    unit = next((word for word in words if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
+    unit = next((word for word in (unit, *words) if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
     signs = robot.log.signs.get("position" if quantity == "velocity" else quantity, (1,) * robot.n_joints)
     return float(signs[joint.number - 1] * factor(unit) * robot.log.conversion(quantity, joint.number).scale)
 

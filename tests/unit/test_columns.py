@@ -250,7 +250,19 @@ def lists(path: Path) -> Path:
     return frame(path, {name: table[name].tolist() for name in table})
 
 
-@pytest.mark.parametrize("written", [bag_table, plotted, echoed, headless, lists, "parquet"])
+def tidy(path: Path) -> Path:
+    """A row for each joint, which are polled one after the other."""
+    time, q, current = motion()
+    order = [(1, NAMES[0], 0.0), (0, NAMES[1], 0.002)]
+    parts = [
+        pd.DataFrame({"time": time + late, "joint_name": name, "position": q[:, k], "effort": current[:, k]})
+        for k, name, late in order
+    ]
+    pd.concat(parts).sort_values("time").to_csv(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize("written", [bag_table, plotted, echoed, headless, lists, tidy, "parquet"])
 def test_joints_are_joined_by_name(tmp_path: Path, written: Callable[[Path], Path] | str) -> None:
     """Whatever their order in messages or columns; rows of other topics and joints are passed over.
 
@@ -300,6 +312,24 @@ def test_words_and_letters_of_other_languages(tmp_path: Path, header: str, encod
     np.testing.assert_allclose(log.position, q)
     np.testing.assert_allclose(log.current, current)
     np.testing.assert_allclose(log.time, time, atol=1e-9)
+
+
+def test_units_and_stamps_that_a_file_states(tmp_path: Path) -> None:
+    """A line of units below the names is followed, and so are dates with times."""
+    time, q, current = motion()
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.degrees(q), 1e3 * current)
+    lines = path.read_text().splitlines()
+    dates = pd.to_datetime(np.round(1e3 * time).astype(int), unit="ms", origin="2024-05-01").strftime(
+        "%Y-%m-%d %H:%M:%S.%f"
+    )
+    for zone in ("", "+02:00"):
+        rows = [f"{date}{zone},{line.partition(',')[2]}" for date, line in zip(dates, lines[1:], strict=True)]
+        path.write_text("\n".join(["Logged by hand", lines[0], "[s],[deg],[deg],[mA],[mA]", *rows]) + "\n")
+        (log,) = LogReader(path, robot())
+        np.testing.assert_allclose(log.position, q)
+        np.testing.assert_allclose(log.current, current)
+        np.testing.assert_allclose(log.time - log.time[0], time, atol=1e-6)
+        assert log.rows[0] == 4
 
 
 @pytest.mark.parametrize(

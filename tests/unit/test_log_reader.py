@@ -305,7 +305,7 @@ def test_a_hole_in_time_is_told(tmp_path: Path) -> None:
 
 REFUSED = {
     "text in a cell": ("t,q1,i1\n0,0,1\n1,x,2\n2,y,3\n", "not-a-number", "column q1 holds 'x', no number"),
-    "units line": ("t,q1,i1\ns,rad,A\n0,0,1\n", "not-a-number", "column t holds 's'"),
+    "units line": ("t,q1,i1\ns,gon,A\n0,0,1\n", "not-a-number", "column t holds 's'"),
     "dates": ("t,q1,i1\n2024-01-01 10:00:00,0,1\n", "not-a-number", "2024-01-01"),
     "ragged row": ("t,q1,i1\n0,0,1\n1,0\n2,0,1\n", "not-a-log", "row 3 has 2"),
     "doubled column": ("t,q1,i1,q1\n0,0,1,0\n", "column-missing", "q1 more than once"),

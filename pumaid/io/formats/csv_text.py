@@ -14,6 +14,7 @@ from pumaid.errors import LogError, Note, Where
 from pumaid.io.column_names import has_foreign_words
 from pumaid.io.formats import GZIP, HEAD_BYTES, Batch, LogColumn, LogSource, floats
 from pumaid.io.formats.joint_columns import NUMBER, JointColumns
+from pumaid.io.formats.tidy_columns import TidyColumns
 from pumaid.maths import Floats
 
 #: Words that mean "no number"; what C, MATLAB, Excel and pandas print for it.
@@ -32,12 +33,17 @@ _COMMENT = ("#", "%")
 _PREAMBLE = (*_COMMENT, "sep=", '"sep=')
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
+#: A time stamp as ISO 8601 has it, and a cell of a line of units.
+_ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d\S*")
+_UNIT = re.compile(
+    r"[\[(]?((m|u|µ|n)?s|sec|m?rad|deg|°|m?m|ticks?|((rad|deg|°|m?m)/s(ec)?)|rpm|m?A|N[ ·*]?m|V|°?C|%|-)?[\])]?"
+)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 #: Numbers in groups of three digits, and those that need no separator.
 _GROUPED, _SMALL = re.compile(r"[+-]?[1-9]\d{0,2}(?:([.,])\d{3})(?:\1\d{3})*"), re.compile(r"[+-]?\d{1,3}")
 _NUMBERS = (
-    "write numbers as 1234.5 or 1.2e-3, without units, separators or dates (times in s); leave cells without a number"
-    " empty, and have one header and no line of units above the rows"
+    "write numbers as 1234.5 or 1.2e-3, without units, separators or dates (times in s, or as ISO 8601 has them); leave"
+    " cells without a number empty, and have one header, and no line above the rows but units such as s, deg and mA"
 )
 _BAD_CELL = re.compile(r"CSV column #(\d+): (?:Row #(\d+): )?CSV conversion error to double: invalid value '(.*)", re.S)
 
@@ -46,8 +52,8 @@ class Dialect:
     """How a text log that begins with `text` is written: delimiter, decimal mark, column names, the first rows.
 
     The `header`, in line `header_line` (from 1), is the line above the first row of numbers that has as many cells;
-    comments and other text may stand above it. `has_quotes` tells whether the first rows have quoted cells, each within
-    a line of its own.
+    comments and other text may stand above it, and a line of `units` (by name) below it. `has_quotes` tells whether the
+    first rows have quoted cells, each within a line of its own.
 
     Raises
     ------
@@ -83,7 +89,10 @@ class Dialect:
         self.rows = [cells(line, delimiter) for line in body]
         if body and all(len(row) == len(header) + 1 for row in self.rows):
             header = (*header, "")  # a delimiter at the end of each row, but not of the header
-        self.delimiter, self.header, self.header_line = delimiter, header, place + 1
+        between = cells(lines[above[-1]].lstrip("\ufeff#% "), delimiter) if above and place in above[:-1] else ()
+        are_units = any(between) and all(map(_UNIT.fullmatch, between))
+        self.units = dict(zip(header, between, strict=False)) if are_units else {}
+        self.delimiter, self.header, self.header_line = delimiter, header, (above[-1] if are_units else place) + 1
         n_quotes = [line.count('"') for line in body]
         self.has_quotes = any(n_quotes) and all(count % 2 == 0 for count in n_quotes)
         # Where no comma parts cells, one with a comma in it may be a number.
@@ -122,8 +131,13 @@ class CsvLog(LogSource):
             text = next(filter(has_foreign_words, texts), texts[0])  # in Latin-1 every byte is a letter
         self._dialect = Dialect(text, self.name)
         self._places = {name: k for k, name in reversed([*enumerate(self._dialect.header)])}
-        self._joints = JointColumns(self._dialect.header, self._dialect.rows)
-        return self._joints.schema()
+        table = self._dialect.header, self._dialect.rows
+        place = TidyColumns.place_of(*table)
+        self._joints = JointColumns(*table) if place < 0 else TidyColumns(*table, place)
+        rows = [row for row in self._dialect.rows if len(row) == len(self._dialect.header)]
+        self._stamps = {k for k in self._places.values() if rows and all(_ISO.fullmatch(row[k]) for row in rows)}
+        units = {**self._dialect.units, **{self._dialect.header[k]: "ns" for k in self._stamps}}
+        return [column._replace(unit=units.get(column.name, "")) for column in self._joints.schema()]
 
     def batches(self, names: Sequence[str]) -> Iterator[Batch]:
         """As `LogSource`; empty lines and comments are passed over, and a last row that is cut off is left out.
@@ -167,6 +181,8 @@ class CsvLog(LogSource):
         texts = [str(index) for index in needed if index in self._joints.texts]
         numbers = [str(self._places[name]) for name in names if name in self._places]
         numbers += [str(index) for index in needed if index not in self._joints.texts]
+        zoned = any(re.search(r"(Z|[+-]\d\d:?\d\d)$", row[k]) for row in dialect.rows[:1] for k in self._stamps)
+        stamps = {str(k): pa.timestamp("ns", "UTC" if zoned else None) for k in self._stamps if str(k) in numbers}
         options = (
             arrow_csv.ReadOptions(
                 column_names=[str(index) for index in range(len(dialect.header))],
@@ -182,7 +198,7 @@ class CsvLog(LogSource):
             ),
             arrow_csv.ConvertOptions(
                 include_columns=list(dict.fromkeys([*numbers, *texts])),
-                column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
+                column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()) | stamps,
                 decimal_point=dialect.decimal,
                 null_values=_NULLS,
                 check_utf8=False,
@@ -206,7 +222,10 @@ class CsvLog(LogSource):
         more = [name for name in names if name not in self._places]
         parts = {k: batch.column(str(k)) for k in self._joints.needed(more)}
         inner = self._joints.values(parts, more)
-        rows = [inner[name] if name in inner else floats(batch.column(str(self._places[name]))) for name in names]
+        plain = {name: batch.column(str(self._places[name])) for name in names if name not in inner}
+        stamps = {name for name in plain if self._places[name] in self._stamps}
+        plain |= {name: plain[name].cast("int64").cast("float64", safe=False) for name in stamps}
+        rows = [inner[name] if name in inner else floats(plain[name]) for name in names]
         return np.array(rows).reshape(len(names), -1)
 
     def _judge(self, last_row: float) -> None:
