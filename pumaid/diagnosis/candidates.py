@@ -74,15 +74,19 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
 def _slow_waves(solved: Fit, effect: Effect, joint: int | None, covered: Extent) -> tuple[EffectTerm, ...]:
     """A periodic effect at the frequencies below those of its spectrum, which the model's slow columns absorb in part.
 
-    But those of waves that the model has.
+    And at those of waves of another kind that the model has, for which alone one that grows with the load is tried; but
+    not at those of its own waves.
     """
     name, slow, resolution = str(effect.periodic), covered.travel / FEWEST_PERIODS, 2.0 * np.pi / covered.travel
-    waves = [term.shape[name] for term in solved.model.effects if term.key == (effect.name, joint)]
+    periodic = [x for x in solved.model.effects if x.joint == joint and x.effect.periodic is not None]
+    waves = [(x.effect.name == effect.name, x.shape[str(x.effect.periodic)]) for x in periodic]
+    grid = () if effect.needs_loads else grid_of(solved, effect, joint, covered=replace(covered, finest=slow))
+    tried = [EffectTerm(effect, joint, {name: wave}) for is_own, wave in waves if not is_own]
+    tried += [term for term in grid if term.shape[name] < 2.0 * np.pi / slow]
     return tuple(
         term
-        for term in grid_of(solved, effect, joint, covered=replace(covered, finest=slow))
-        if term.shape[name] < 2.0 * np.pi / slow
-        and all(abs(term.shape[name] - wave) > SAME * resolution for wave in waves)
+        for term in tried
+        if all(abs(term.shape[name] - wave) > SAME * resolution for is_own, wave in waves if is_own)
     )
 
 

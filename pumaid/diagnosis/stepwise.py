@@ -23,7 +23,7 @@ from pumaid.diagnosis.score_test import (
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, Family, catalogue
 from pumaid.errors import ModelError
-from pumaid.estimation.fit import Fit, Projector, at_bins, loaded
+from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, with_loads
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
@@ -194,7 +194,8 @@ class Stepwise:
         self.effects = [
             effect for effect in (effects or tuple(catalogue().values())) if not (effect.base or effect.is_free)
         ]
-        self.periodic = next((effect for effect in self.effects if effect.periodic is not None), None)
+        self.periodic = next((x for x in self.effects if x.periodic is not None and not x.needs_loads), None)
+        self.loaded_waves = [x for x in self.effects if x.periodic is not None and x.needs_loads]
         joints, sizes = range(1, model.robot.n_joints + 1), (COARSE, FINE)
         self._bins, self._unseen = (
             [joint_bins(model.robot, part, most=n, begun=begun, finest=joints if n == FINE else ()) for n in sizes]
@@ -297,6 +298,11 @@ class Stepwise:
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)
+        # A wave that grows with the load is tried where its spectrum, that of plain waves, has its peak.
+        pairs = [((kind.name, waves.key[1]), waves.key) for kind in self.loaded_waves for waves in table.spectra]
+        chances.handicaps.update(
+            {key: chances.handicaps[plain] for key, plain in pairs if key not in chances.handicaps}
+        )
         judged = (self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances))
         evaluated = sorted((item for item in judged if item is not None), key=lambda item: -item.log_odds)
         chosen = next((item for item in evaluated if item.fault is None), None)
@@ -331,7 +337,7 @@ class Stepwise:
             square = solved.square - float(coarse @ coarse) + float(white @ white)
             scale = square / max(solved.size - len(coarse) + len(bins) - solved.rank, 1) / solved.scale
             terms = [*solved.model.effects, *(item.trial.added for item in self.denied)]
-            waves = [term.shape[effect.periodic] for term in terms if term.key == key]
+            waves = [x.shape[str(x.effect.periodic)] for x in terms if x.joint == bins.joint and x.effect.periodic]
             out.append(spectrum(key, bins, noise, white=white, scale=scale, without=waves))
         return tuple(item for item in out if item is not None)
 
@@ -354,11 +360,12 @@ class Stepwise:
             if effect is None or chances.p_value(waves.key, waves.surprise(solved.scale)) > FAR:
                 continue
             frequency = float(waves.frequency[int(np.argmax(waves.statistic()))])
-            term = EffectTerm(effect, waves.key[1], {effect.periodic or "": frequency})
-            on = self._where_it_shows(solved, term)
-            trial = score_at(Projector(on), term)
-            if trial is not None:
-                leaders.append((trial, on))
+            for kind in (effect, *self.loaded_waves):
+                term = EffectTerm(kind, waves.key[1], {kind.periodic or "": frequency})
+                on = self._where_it_shows(solved, term)
+                trial = score_at(Projector(on), term)
+                if trial is not None and kind.applies(self.model.robot, term.number) is None:
+                    leaders.append((trial, on))
         return leaders
 
     def _rivals(
@@ -391,7 +398,7 @@ class Stepwise:
         if term.effect.periodic is None:
             return solved
         bins = next(bins for bins in self._bins[1] if bins.joint == term.joint)
-        misfit, wave = solved.misfit(bins), term.linear(self.model.robot, bins.samples)
+        misfit, wave = solved.misfit(bins), term.linear(self.model.robot, with_loads(solved, bins))
         return at_bins(solved, bins, noise_of(bins, misfit - wave @ np.linalg.lstsq(wave, misfit, rcond=None)[0]))
 
     def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate | None:

@@ -25,6 +25,7 @@ class Ripple(Effect):
         " and Automation 12 (1996) 368-374"
     )
     family = Family.RIPPLE
+    look_alikes = ("load_ripple",)
     prior_odds = USUAL
     seen_in = "slow runs over a wide span, sampled fast"
     is_repeatable = True

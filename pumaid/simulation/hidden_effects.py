@@ -128,6 +128,9 @@ LAWS = {
     "side_load_friction": Law(Kind.FRICTION, lambda at, mu: mu * at.across, needs_masses=True),
     "position_friction": Law(Kind.FRICTION, lambda at, cos, sin, harmonic: _waves(at, cos, sin, harmonic)),
     "ripple": Law(Kind.LOAD, _waves),
+    "load_ripple": Law(
+        Kind.LOAD, lambda at, cos, sin, frequency: np.sqrt(at.load**2) * _waves(at, cos, sin, frequency)
+    ),
     "spring": Law(Kind.LOAD, lambda at, a: a * at.position),
     "counterbalance": Law(Kind.LOAD, _counterbalance),
     "presliding": Law(Kind.FRICTION, lambda at, a, travel: -a * np.exp(-at.travel / travel)),
@@ -169,6 +172,11 @@ def usual_values(joint: Mapping[str, float]) -> dict[str, dict[str, float]]:
             "position_friction": {"cos": 0.25 * c, "sin": 0.2 * c, "harmonic": 2.0},
             # Twenty waves over the span: slow enough for any log, fast enough to be no gravity.
             "ripple": {"cos": 0.15 * c, "sin": 0.1 * c, "frequency": round(20 * np.pi / half)},
+            "load_ripple": {
+                "cos": 0.3 * c / np.float64(peak),
+                "sin": 0.2 * c / np.float64(peak),
+                "frequency": round(20 * np.pi / half),
+            },
             "spring": {"a": c / half},
             "counterbalance": {"a": c, "length": 0.6, "angle": 0.5},
             "presliding": {"a": 0.6 * c, "travel": 0.08 * half},

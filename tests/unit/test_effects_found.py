@@ -47,16 +47,32 @@ def test_twice_its_limit_is_named(name, joint, values):
     is_named_right(name, joint, values, size=2.0 * limits()[name, joint].size)
 
 
-def is_named_right(name: str, joint: int, values: dict[str, float], *, size: float) -> None:
+def test_a_ripple_that_grows_with_the_load():
+    """Twice the limit of a ripple, its height at the root mean square of the load."""
+    load = Lab.of(PENDULUM, PLAN).truth.gravity_current(np.linspace([-1.8, 0.0], [1.8, 0.0]))[:, 0]
+    size = 2.0 * limits()["ripple", 1].size / np.sqrt(np.mean(load**2))
+    is_named_right("load_ripple", 1, {"cos": 1.0, "sin": 0.0, "frequency": 23.0}, size=size, bins=128)
+
+
+def is_named_right(name: str, joint: int, values: dict[str, float], *, size: float, bins: int = 64) -> None:
     """Hide the effect, the first of its values times `size`, and look for it with each seed."""
     first = next(iter(values))
-    lab = Lab.of(PENDULUM, PLAN, Hidden(name, joint, {**values, first: size}))
+    lab = Lab.of(PENDULUM, PLAN, Hidden(name, joint, {**values, first: size}), bins=bins)
     for seed in SEEDS:
         builder = searched(lab, seed)
         (only,) = builder.search.accepted
         assert only.key[1] == joint and name in (only.key[0], *(rival.key[0] for rival in only.rivals))
         sizes = next(one for one in builder.joint(joint, None).candidates if one.effect == name).sizes
         assert sizes[0].name == first and sizes[0].value == pytest.approx(size, abs=3.0 * sizes[0].std_error)
+
+
+def test_a_gear_that_ripples_with_and_without_load():
+    """Of one line with both parts both are found, whichever is larger."""
+    for constant, loaded in ((0.01, 0.005), (0.004, 0.012)):
+        both = {"ripple": {"cos": constant, "sin": 0.0}, "load_ripple": {"cos": 0.0, "sin": loaded}}
+        hidden = [Hidden(name, 1, {**values, "frequency": 23.0}) for name, values in both.items()]
+        search = searched(Lab.of(PENDULUM, PLAN, *hidden, bins=128), SEEDS[0]).search
+        assert {item.key for item in search.accepted} == {("ripple", 1), ("load_ripple", 1)}
 
 
 def test_friction_without_a_jump_is_smooth_and_no_stribeck():
