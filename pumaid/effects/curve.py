@@ -68,16 +68,21 @@ class LearnedCurve(Effect):
     def columns(
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
-        low, high, factor = shape["low"], shape["high"], np.ones(len(samples))
+        factor = np.ones(len(samples))
         for name, is_there in (("s", shape["odd"]), ("v", shape["times"])):
             factor = factor * (QUANTITIES[name](robot, samples, samples.joint) if is_there else 1.0)
-        out = splines((variable(robot, samples, shape) - low) / max(high - low, 1e-300)) @ COEFFICIENTS
-        return np.asarray(out * _is_drawn(shape) * factor[:, None])
+        return course(shape, variable(robot, samples, shape)) * factor[:, None]
 
 
 def variable(robot: Robot, samples: Samples, shape: Mapping[str, float]) -> Floats:
     """(M,) values of a curve's variable."""
     return np.asarray(QUANTITIES[OF[int(shape["of"])]](robot, samples, samples.joint))
+
+
+def course(shape: Mapping[str, float], x: Floats) -> Floats:
+    """(M, S + 2) A, or A s/rad or A s/m where speed multiplies it, of a curve at M values of its variable."""
+    share = (x - shape["low"]) / max(shape["high"] - shape["low"], 1e-300)
+    return np.asarray(splines(share) @ COEFFICIENTS * _is_drawn(shape))
 
 
 def law(shape: Mapping[str, float], row: int) -> str:

@@ -1,6 +1,7 @@
 """Learned curves: what they find of a friction that was hidden, how smooth they are, and where they end."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from pumaid.estimation.fit import Projector
 from pumaid.estimation.gls import fit_bins
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
+from pumaid.reporting.page import parameters
 from pumaid.reporting.text import finding_sentences, headline
 from pumaid.results.documents import read_model, write_model
 from pumaid.robot import EffectChoice, read_choice
@@ -137,6 +139,18 @@ def test_a_table_has_a_row_of_its_size(spot):
     assert 4.0 < rows["curve.j2.edf"].value < 34.0
     truth = np.sqrt(np.mean(worn(np.linspace(-2.0, 2.0, 401)) ** 2))
     assert rows["curve.j2.rms"].std_error < 0.1 * truth
+
+
+def test_a_report_draws_it_with_its_band(spot):
+    """Degrees where asked for; the band has the course that was hidden nearly everywhere."""
+    (drawing,) = parameters(SimpleNamespace(estimate=spot, robot=PENDULUM, units="deg"))["figures"]
+    axes = drawing.figure.axes[0]
+    x, y = axes.lines[0].get_xydata().T
+    band = axes.collections[0].get_paths()[0].get_extents()
+    truth = worn(np.deg2rad(x)) - worn(np.deg2rad(x)).mean()
+    assert "s f(q)" in drawing.title and axes.get_xlabel() == "position (deg)"
+    assert np.sqrt(np.mean((y - truth) ** 2)) < 0.1 * truth.std()
+    assert band.y0 < y.min() < truth.max() < band.y1 < 1.2 * truth.max()
 
 
 def test_a_model_file_has_words_and_predicts_the_same(spot, tmp_path):

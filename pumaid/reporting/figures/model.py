@@ -15,9 +15,12 @@ from matplotlib.patches import Patch
 
 from pumaid.dataset import BLOCK, Dataset
 from pumaid.diagnosis.records import Binned, Curve, Diagnosis, Finding, Unexplained
+from pumaid.effect_spec import EffectTerm, terms_of
+from pumaid.effects.curve import NAMES, course, spoken_form
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, Comparison, JointScore, RunScore
 from pumaid.joint_bins import SAME_POSTURE
+from pumaid.maths import Floats
 from pumaid.reporting.figures.style import (
     AREAS,
     BACKWARD,
@@ -75,6 +78,8 @@ DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)
 #: s above which times are in minutes; range of a residual in multiples of its largest mark; findings in one figure, and
 #: inch of a panel of several.
 MINUTES, RANGE, MOST_COLUMNS, NARROW = 300.0, 1.6, 6, 3.6
+#: Points of a learned curve.
+POINTS = 200
 
 
 #: Title, effect, curve and label of what is drawn of a finding, or of a residual without a name (no effect).
@@ -396,6 +401,42 @@ def _unexplained(joint: int, shape: Unexplained, robot: Robot) -> Column:
     curve = Curve(joint, VARIABLES.get(shape.variable, shape.variable), shape.unit, (side,), ())
     kind = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else CURRENT
     return f"{joint_title(robot, joint)}: {shape.form}, unexplained", "", curve, kind
+
+
+def curve_figures(context: ReportContext) -> list[Drawing]:
+    """Each learned curve of the model, with a band of two standard errors."""
+    estimate, out = context.estimate, []
+    for term in terms_of(estimate.effects):
+        names = [part.name for part in term.parts(context.robot, 0)]
+        if term.effect.is_free and set(names) <= set(estimate.names):
+            numbers = [estimate.names.index(name) for name in names]
+            x, covariance = np.linspace(term.shape["low"], term.shape["high"], POINTS), estimate.covariance
+            columns, covariance = course(term.shape, x), covariance[np.ix_(numbers, numbers)]
+            columns = columns - columns.mean(axis=0)
+            errors = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", columns, covariance, columns), 0.0))
+            title = f"{joint_title(context.robot, term.number)}: learned curve {spoken_form(term.shape)}"
+            caption = "About its mean, which is part of Coulomb or viscous friction. Band: two standard errors."
+            drawn = _learned(context, term, np.array([x, columns @ estimate.solution[numbers], errors]))
+            out.append(Drawing(f"curve_j{term.number}{term.mark}", title, caption, drawn))
+    return out
+
+
+@styled()
+def _learned(context: ReportContext, term: EffectTerm, rows: Floats) -> Figure:
+    """A curve: (3, N) places, values and standard errors."""
+    unit, variable = context.robot.joint(term.number).position_unit, NAMES[int(term.shape["of"])]
+    units = {"v": f"{unit}/s", "load": "A", "t": "s", "temperature": "degC"}
+    scale, word = in_unit(units.get(variable, unit), context.units)
+    figure, grid = panels(1, 1, height=2.4)
+    axes, (x, y, error) = grid[0, 0], rows
+    axes.fill_between(scale * x, y - 2.0 * error, y + 2.0 * error, color=INK, alpha=0.2, linewidth=0.0)
+    axes.plot(scale * x, y, color=INK, linewidth=1.4)
+    zero_line(axes)
+    axes.set(
+        xlabel=f"{VARIABLES.get(variable, variable)} ({'°C' if word == 'degC' else word})",
+        ylabel=f"A s/{unit}" if term.shape["times"] else "A",
+    )
+    return figure
 
 
 def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> Drawing | None:

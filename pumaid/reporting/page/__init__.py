@@ -121,6 +121,7 @@ def parameters(context: ReportContext) -> Content:
     return {
         "table": tables.parameter_table(context.estimate, context.robot, context.units),
         "sums": tables.combination_table(context.estimate),
+        "figures": model.curve_figures(context),
     }
 
 
