@@ -163,14 +163,27 @@ class Sphere:
 
 
 @dataclass(frozen=True, slots=True)
+class Capsule:
+    """A rod with round ends fixed to a link, `start` and `end` of its axis in the link's frame, m."""
+
+    link: int
+    start: Point
+    end: Point
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
 class Safety:
     """The block `safety` of a recipe: forbidden space and the arm's own extent."""
 
     boxes: tuple[Box, ...] = ()
-    spheres: tuple[Sphere, ...] = ()  # those of neighbouring links are never held against each other
-    tool: Point | None = None  # m, the tip in the last link's frame; None: its origin, held against boxes only
+    spheres: tuple[Sphere, ...] = ()  # shapes of neighbouring links are never held against each other
+    tool: Point | None = None  # m, the tip in the last link's frame; None: its origin, held against what stands only
     margin: float = 0.02  # m that must be left
-    ignore: tuple[tuple[int, int], ...] = ()  # pairs of links whose spheres are not held against each other
+    ignore: tuple[tuple[int, int], ...] = ()  # pairs of links whose shapes are not held against each other
+    floor: float | None = None  # m above the base's origin, against gravity, below which nothing may come
+    links: tuple[tuple[int, float], ...] = ()  # link and radius (m) of capsules that follow from the joints' frames
+    capsules: tuple[Capsule, ...] = ()
 
 
 #: A known load that the last link carries: kg, and where its centre of mass is in that link's frame, m.

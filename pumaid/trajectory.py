@@ -143,8 +143,8 @@ QUICKEST_TURN, QUICKEST_SLIDE = 1.75, 0.25
 _MARGIN, _MOST_TURN, _MOST_SLIDE = 0.02, 3.0 * _DEG, 0.01
 
 
-def span(joint: Joint) -> tuple[float, float]:
-    """Lowest and highest position that a plan gives the joint when it moves, rad or m."""
+def span(joint: Joint, about: float = 0.0) -> tuple[float, float]:
+    """Lowest and highest position that a plan gives the joint when it moves, rad or m; of many turns those `about`."""
     usual = (-0.5 * USUAL_TURN, 0.5 * USUAL_TURN) if joint.is_revolute else (0.0, USUAL_SLIDE)
     if joint.limits is None:
         return usual
@@ -153,8 +153,8 @@ def span(joint: Joint) -> tuple[float, float]:
     low, high = low + margin, high - margin
     if not joint.is_revolute or high - low <= WIDEST_TURN:
         return low, high
-    # Of more than a turn the part about zero is used, or the part nearest to it.
-    centre = min(max(0.0, low + 0.5 * WIDEST_TURN), high - 0.5 * WIDEST_TURN)
+    # Of more than a turn the part about zero (or another place) is used, or the part nearest to it.
+    centre = min(max(about, low + 0.5 * WIDEST_TURN), high - 0.5 * WIDEST_TURN)
     return centre - 0.5 * WIDEST_TURN, centre + 0.5 * WIDEST_TURN
 
 

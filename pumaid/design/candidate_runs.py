@@ -8,10 +8,11 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from pumaid.design.collision import Collision
+from pumaid.design.collision import TOLERANCE, Collision
 from pumaid.errors import ModelError, Where
 from pumaid.maths import Floats
 from pumaid.robot import Joint, Robot
@@ -39,6 +40,9 @@ _LONGER, _WHOLE = 1.3, 0.8
 _LEAST_CRUISE = 0.6
 #: Held joints stand at multiples of `_STEP`, at most `_FARTHEST` from home (rad).
 _STEP, _FARTHEST = 15.0 * factor("deg"), 150.0 * factor("deg")
+#: Where home is forbidden so many postures are drawn, and so many free ones compared, by logarithms of what is
+#: free of the ranges; what each joint that is not at its usual place takes from them.
+_STANCES, _JUDGED, _UNUSUAL = 2000, 40, 0.1
 #: Random orders of a pass that are improved, and of which the shortest is taken.
 _STARTS = 30
 #: Rounds in which orders avoid the moves that were found to strike something.
@@ -89,9 +93,56 @@ class Block:
 
 
 def home(robot: Robot) -> Floats:
-    """(J,) where joints are held by default, rad or m: zero where the limits allow it, else mid-range."""
-    low, high = np.transpose([span(joint) for joint in robot.joints])
-    return np.where(robot.is_revolute & (low <= 0.0) & (high >= 0.0), 0.0, 0.5 * (low + high))
+    """(J,) where joints are held by default, rad or m: zero where the limits allow it, else mid-range.
+
+    Where that, or much of the joints' ranges there, is forbidden, it is a posture that leaves more of them.
+    """
+    return np.array(_stance(robot)[0])
+
+
+def free_ranges(robot: Robot) -> tuple[tuple[float, float], ...]:
+    """(J, 2) lowest and highest position of each joint while the others are at home, clear of what is forbidden."""
+    return _stance(robot)[1]
+
+
+@lru_cache(maxsize=16)
+def _stance(robot: Robot) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...]]:
+    """Home, and what is free there."""
+    usual_spans = tuple(span(joint) for joint in robot.joints)
+    low, high = np.array(usual_spans).T
+    usual = np.where(robot.is_revolute & (low <= 0.0) & (high >= 0.0), 0.0, 0.5 * (low + high))
+    collision, rng = Collision(robot, spare=TOLERANCE), np.random.default_rng(0)
+    if collision.is_free:
+        return tuple(usual.tolist()), usual_spans
+    grids = [_grid(joint, middle) for joint, middle in zip(robot.joints, usual, strict=True)]
+    drawn = np.column_stack([rng.choice(grid, _STANCES) for grid in grids])
+    drawn = np.vstack([usual, np.where(rng.random(drawn.shape) < 0.7, usual, drawn)])
+    free = itertools.islice((place for place in drawn if collision.free_share(place, place)[1] is None), _JUDGED)
+    best, worth, units = (tuple(usual.tolist()), usual_spans), -np.inf, [_unit(joint) for joint in robot.joints]
+    for place in free:
+        ranges, spans = [], [span(joint, at) for joint, at in zip(robot.joints, place.tolist(), strict=True)]
+        for j, (at, unit) in enumerate(zip(place.tolist(), units, strict=True)):
+            ends = (np.where(np.arange(len(place)) == j, end, place) for end in spans[j])
+            down, up = (collision.free_share(place, end)[0] for end in ends)
+            # Rounded inwards, since the last position that is free may be forbidden by a hair.
+            lowest = spans[j][0] if down == 1.0 else at - math.floor(down * (at - spans[j][0]) / unit) * unit
+            highest = spans[j][1] if up == 1.0 else at + math.floor(up * (spans[j][1] - at) / unit) * unit
+            ranges.append((lowest, highest))
+        shares = np.diff(ranges, axis=1)[:, 0] / np.diff(spans, axis=1)[:, 0]
+        value = float(np.sum(np.log(np.maximum(shares, 1e-3)))) - _UNUSUAL * int(np.sum(place != usual))
+        if value > worth + 1e-9:
+            best, worth = (tuple(place.tolist()), tuple(ranges)), value
+    return best
+
+
+def _grid(joint: Joint, middle: float) -> Floats:
+    """Positions at which a joint is held, rad or m, about `middle`."""
+    low, high = span(joint, middle)
+    if not joint.is_revolute:
+        return np.round(np.linspace(low, high, 5), 4)
+    low, high = max(low, middle - _FARTHEST), min(high, middle + _FARTHEST)
+    steps = np.arange(math.ceil(low / _STEP - 1e-9), math.floor(high / _STEP + 1e-9) + 1) * _STEP
+    return np.asarray(steps if len(steps) >= 5 else np.linspace(low, high, 5))
 
 
 def top_speed(robot: Robot, joint: int) -> float:
@@ -121,15 +172,23 @@ def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
 
     All begin and end at the joint's home position, so that nothing is lost between two sweeps of a posture.
     """
-    (low, high), middle = span(robot.joint(joint)), float(home(robot)[joint - 1])
-    result = dict.fromkeys(sweep for speed in at for sweep in _sweeps(robot, joint, speed))
+    middle = float(home(robot)[joint - 1])
+    low, high = span(robot.joint(joint), middle)
+    ranges = dict.fromkeys([(low, high), free_ranges(robot)[joint - 1]])
+    result = dict.fromkeys(sweep for speed in at for ends in ranges for sweep in _sweeps(robot, joint, speed, ends))
     return tuple(result) or (Sweep(joint, _passed(middle, high, low, middle), min(at)),)
 
 
-def _sweeps(robot: Robot, joint: int, speed: float) -> Iterator[Sweep]:
-    """Sweeps whose runs last neither too long nor too short."""
+def _sweeps(robot: Robot, joint: int, speed: float, ends: tuple[float, float]) -> Iterator[Sweep]:
+    """Sweeps within a range whose runs last neither too long nor too short."""
     arm, longest, before = robot.joint(joint), PARTS[-1], 0.0
-    (low, high), middle, step = span(arm), float(home(robot)[joint - 1]), _unit(arm)
+    middle, step = float(home(robot)[joint - 1]), _unit(arm)
+
+    def cruising(end: float) -> float:
+        return cruise(robot, Motion(joint, (0.0,) * robot.n_joints, middle, end, speed))[1]
+
+    # An end too near to reach the speed on the way is left out.
+    low, high = (end if cruising(end) >= 0.5 * PARTS[0] else middle for end in ends)
     # A very slow joint takes too long over the least way and gets a shorter one.
     least = min(LEAST_TURN if arm.is_revolute else LEAST_SLIDE, 0.7 * speed * longest)
     for seconds in PARTS:
@@ -141,10 +200,9 @@ def _sweeps(robot: Robot, joint: int, speed: float) -> Iterator[Sweep]:
         before = way
         up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
         for end in (middle + up, middle - down):
-            cruising = cruise(robot, Motion(joint, (0.0,) * robot.n_joints, middle, end, speed))[1]
-            if 0.99 * PARTS[0] <= cruising <= 1.01 * longest:
+            if 0.99 * PARTS[0] <= cruising(end) <= 1.01 * longest:
                 yield Sweep(joint, (middle, end, middle), speed)
-    if (high - low) / speed <= longest:
+    if low < high and (high - low) / speed <= longest:
         yield Sweep(joint, _passed(middle, high, low, middle), speed)
         yield Sweep(joint, _passed(middle, low, high, middle), speed)
 
@@ -158,13 +216,7 @@ def postures(robot: Robot, joint: int, *, count: int, rng: np.random.Generator) 
     """(K, J) postures, rad or m, in which one joint may run: home and `count` random ones, without repeats."""
     holds = np.tile(home(robot), (count + 1, 1))
     for axis in (axis for axis in robot.joints if axis.number != joint):
-        (low, high), middle = span(axis), holds[0, axis.number - 1]
-        grid = np.round(np.linspace(low, high, 5), 4)
-        if axis.is_revolute:
-            low, high = max(low, middle - _FARTHEST), min(high, middle + _FARTHEST)
-            steps = np.arange(math.ceil(low / _STEP - 1e-9), math.floor(high / _STEP + 1e-9) + 1) * _STEP
-            grid = steps if len(steps) >= 5 else np.linspace(low, high, 5)
-        holds[1:, axis.number - 1] = rng.choice(grid, count)
+        holds[1:, axis.number - 1] = rng.choice(_grid(axis, holds[0, axis.number - 1]), count)
     _, first = np.unique(np.round(holds, 9), axis=0, return_index=True)
     return holds[np.sort(first)]
 
@@ -185,6 +237,12 @@ def free_blocks(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> l
     return out
 
 
+class NoWay(ModelError):
+    """No free move was found to or from the posture `hold`."""
+
+    hold: tuple[float, ...] = ()
+
+
 def schedule(
     robot: Robot, passes: Sequence[Sequence[Block]], *, collision: Collision, rng: np.random.Generator
 ) -> tuple[Motion, ...]:
@@ -196,7 +254,7 @@ def schedule(
 
     Raises
     ------
-    ModelError [plan-unsafe]
+    NoWay [plan-unsafe]
         A posture cannot be reached without a collision.
     """
     parts = list(passes)
@@ -252,18 +310,21 @@ def _shortest(
                 continue
             moves = itertools.pairwise(path if now is not None else path[1:])
             for move, where in {move: where for move in moves if (where := first_hit(*move))}.items():
-                cost[move], hit = _STRUCK, where
                 before, after = move
+                cost[move], hit = _STRUCK, where
+                cost[move[::-1]] = _STRUCK  # the way back is the same
                 struck[after if after <= count else before] += 1
             if length(path) < _STRUCK:
                 return path[1:-1]
     ((block, _),) = struck.most_common(1)
-    raise ModelError(
+    error = NoWay(
         "plan-unsafe",
         f"no way leads to or from a posture of joint {blocks[block].joint} without a collision: {hit}",
         Where(joint=blocks[block].joint),
-        "narrow the limits, give fewer postures, or correct the recipe's boxes and spheres",
+        "narrow the limits, give fewer postures, or correct the recipe's block safety",
     )
+    error.hold = blocks[block].hold
+    raise error
 
 
 def _improved(cost: Floats, order: list[int]) -> list[int]:

@@ -1,12 +1,13 @@
-"""Whether the arm keeps its distance from forbidden boxes and from itself along a path; distances are MuJoCo's."""
+"""Whether the arm keeps clear of the floor, forbidden boxes and itself along a path; distances are MuJoCo's."""
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pumaid.errors import RecipeError, Where, refuse
-from pumaid.maths import Floats
-from pumaid.robot import Robot, Safety, Sphere
+from pumaid.maths import Counts, Floats
+from pumaid.robot import Capsule, Robot, Safety, Sphere
 from pumaid.simulation.mujoco_engine import chain
 from pumaid.trajectory import in_words
 
@@ -16,6 +17,8 @@ TOLERANCE = 1e-3
 _FAR = 10.0
 #: m, radius that stands for the tip.
 _POINT = 1e-6
+#: Positions of a path that are looked ahead; share of a straight one after which a pair is looked at with others.
+_AHEAD, _SOON = 48, 0.005
 #: Random postures: a pair that touches in all of them is a fault of the recipe.
 _DRAWN = 400
 #: rad and m: range of joints without limits in these postures.
@@ -28,11 +31,15 @@ class Geometry(NamedTuple):
     label: str
     link: int  # 0 for the base
     extent: float = 0.0  # m from the link's origin to its farthest point
-    is_box: bool = False
+    stands: bool = False  # a box or the floor
+    is_capsule: bool = False
 
 
 class Collision:
-    """The arm's spheres, its tip and the forbidden boxes of a recipe's block `safety`, asked about whole paths.
+    """The arm's shapes, its tip, the floor and the boxes of a recipe's block `safety`, asked about whole paths.
+
+    `spare` (m) is added to the margin: a plan is made with the tolerance to spare, so that its check finds nothing.
+    `touching` are the labels of pairs that capsules make touch in every posture, and that are therefore left out.
 
     Raises
     ------
@@ -40,45 +47,80 @@ class Collision:
         A pair touches in every posture within the limits; a `Faults` where several do.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, spare: float = 0.0) -> None:
         self.robot, self.safety = robot, robot.safety or Safety()
+        self.margin = self.safety.margin + spare
         self._pairs: list[tuple[Geometry, Geometry]] = []
+        self.touching: list[str] = []
         if robot.safety is not None:
             self._build()
-            self._refuse_what_always_touches()
+            self._leave_out_what_always_touches()
 
     @property
     def is_free(self) -> bool:
         """Whether the recipe forbids nothing."""
         return not self._pairs
 
+    @property
+    def sentence(self) -> str:
+        """What a plan keeps clear of, and how to change it."""
+        safety, links = self.safety, range(self.robot.n_joints + 1)
+        if self.robot.safety is None:
+            lines = f"{{floor: 0, links: {{{', '.join(f'{link}: 0.06' for link in links)}}}}}"
+            return (
+                "Collisions are not checked: the recipe has no block safety. Look at each posture before it is run, or"
+                f" add a line with your table's height and your links' radii in m: safety: {lines}."
+            )
+        if self.is_free:
+            return "The recipe's block safety forbids nothing: collisions are not checked."
+        what = [] if safety.floor is None else [f"the floor at {safety.floor:g} m"]
+        what += [f"the box '{box.name}'" for box in safety.boxes]
+        what += ["the arm itself"] if any(not inner.stands for _, inner in self._pairs) else []
+        named = sorted({outer.link for outer, _ in self._pairs if outer.label != "the tip"})
+        shapes = f"The tip{' and links ' + ', '.join(map(str, named)) if named else ''}"
+        touching = ", ".join(dict.fromkeys(self.touching))
+        without = f" Parts that touch in every posture are not held against each other: {touching}." * bool(touching)
+        return (
+            f"{shapes} keep {1e3 * safety.margin:.0f} mm clear of {', '.join(what)}, with the sizes that the recipe's"
+            f" block safety states; change them there.{without}"
+        )
+
     def first_hit(self, start: Floats, end: Floats) -> str | None:
         """Where the straight path from `start` to `end` (J,), rad or m, first comes too near; None where it is free.
 
         One sentence: what comes near to what, and at which joint positions.
+        """
+        share, pair = self.free_share(start, end)
+        if pair is None:
+            return None
+        outer, inner = self._pairs[pair]
+        where = in_words(self.robot, start + share * (end - start))
+        return (
+            f"{outer.label} comes nearer to {inner.label} than the margin of {1e3 * self.safety.margin:.0f} mm where"
+            f" the joints are at {where}"
+        )
+
+    def free_share(self, start: Floats, end: Floats) -> tuple[float, int | None]:
+        """Share (0..1) of the straight path (J,) after which it first comes too near, and in which pair (None: free).
 
         Notes
         -----
-        Conservative advancement: from a posture in which all distances are at least d beyond the margin, no point can
-        use that up before it has gone d, so the next posture looked at is that far away and nothing is missed.
+        Conservative advancement: a pair that is d beyond the margin cannot use that up before one of them has gone d,
+        so it is looked at again there, and nothing is missed.
         """
         if self.is_free:
-            return None
-        rates, share, margin = self._reach @ np.abs(end - start), 0.0, self.safety.margin
-        while True:
-            position = start + share * (end - start)
-            distance = self.distances(position)
+            return 1.0, None
+        share, margin, until = 0.0, self.margin, np.zeros(len(self._pairs))
+        lasting = 1.0 / np.maximum(self._reach @ np.abs(end - start), 1e-12)
+        while share < 1.0:
+            due = np.flatnonzero(until <= share + _SOON)
+            distance = self.distances(start + share * (end - start), due)
             nearest = int(distance.argmin())
             if distance[nearest] < margin + TOLERANCE:
-                outer, inner = self._pairs[nearest]
-                return (
-                    f"{outer.label} comes nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm where the"
-                    f" joints are at {in_words(self.robot, position)}"
-                )
-            if share >= 1.0:
-                return None
-            with np.errstate(divide="ignore"):
-                share = min(1.0, share + float(np.min((distance - margin) / rates)))
+                return share, int(due[nearest])
+            until[due] = share + (distance - margin) * lasting[due]
+            share = float(until.min())
+        return 1.0, None
 
     def first_hit_along(self, path: Floats) -> str | None:
         """The same of a path through many near positions (N, J), straight between two of them."""
@@ -86,8 +128,9 @@ class Collision:
             return None
         gone, place = np.cumsum(np.abs(np.diff(path, axis=0, prepend=path[:1])) @ self._reach.T, axis=0), 0
         while place < len(path) - 1:
-            room = self.distances(path[place]) - self.safety.margin - TOLERANCE
-            ahead = int(np.count_nonzero((gone[place:] - gone[place] <= room).all(axis=1))) - 1
+            room = self.distances(path[place]) - self.margin - TOLERANCE
+            near = gone[place : place + _AHEAD]
+            ahead = int(np.count_nonzero((near <= near[0] + room).all(axis=1))) - 1
             if ahead < 1:
                 ahead, hit = 1, self.first_hit(path[place], path[place + 1])
                 if hit is not None:
@@ -95,47 +138,34 @@ class Collision:
             place += ahead
         return None
 
-    def distances(self, position: Floats) -> Floats:
-        """(P,) m between the P pairs at joint positions (J,), negative where they overlap."""
+    def distances(self, position: Floats, pairs: Counts | None = None) -> Floats:
+        """(P,) m between the P pairs, or those named, at joint positions (J,), negative where they overlap."""
         import mujoco
 
         self._data.qpos[:] = position
         mujoco.mj_kinematics(self._model, self._data)
-        return np.array(
-            [mujoco.mj_geomDistance(self._model, self._data, *pair, _FAR, None) for pair in self._geometries]
-        )
+        model, data, distance = self._model, self._data, mujoco.mj_geomDistance
+        chosen = self._geometries if pairs is None else [self._geometries[pair] for pair in pairs.tolist()]
+        return np.array([distance(model, data, first, second, _FAR, None) for first, second in chosen])
 
     def _build(self) -> None:
         """The MuJoCo model: a chain of bodies with the recipe's shapes on them, and the pairs that are checked."""
-        import mujoco
-
         safety, last = self.safety, self.robot.n_joints
         spec, bodies = chain(self.robot, [{"mass": 1.0, "inertia": [1.0, 1.0, 1.0]}] * last)
         shapes = list[Geometry]()
-        for number, sphere in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
-            bodies[sphere.link].add_geom(name=str(len(shapes)), pos=sphere.centre, size=[sphere.radius, 0, 0])
-            label = f"sphere {number} of {f'link {sphere.link}' if sphere.link else 'the base'}"
-            shapes.append(
-                Geometry(
-                    label if number else "the tip", sphere.link, float(np.linalg.norm(sphere.centre)) + sphere.radius
-                )
-            )
-        for box in safety.boxes:
-            low, high = np.array(box.low), np.array(box.high)
-            spec.worldbody.add_geom(
-                name=str(len(shapes)), type=mujoco.mjtGeom.mjGEOM_BOX, pos=(low + high) / 2, size=(high - low) / 2
-            )
-            shapes.append(Geometry(f"the box '{box.name}'", 0, is_box=True))
+        for shape, attributes in _shapes(self.robot, safety):
+            bodies[shape.link].add_geom(name=str(len(shapes)), **attributes)
+            shapes.append(shape)
         self._model: Any = spec.compile()
-        self._data: Any = mujoco.MjData(self._model)
+        self._data: Any = _engine().MjData(self._model)
         geometry = [self._model.geom(str(number)).id for number in range(len(shapes))]
-        # Moving shapes with boxes, and spheres with those of links that are not adjacent; without a stated tool the tip
-        # is the wrist's centre, which lies inside the wrist's own sphere.
+        # Moving shapes with what stands, and with those of links that are not adjacent; without a stated tool the tip
+        # is the wrist's centre, which lies inside the wrist's own shape.
         pairs = [
             (first, second)
             for first, outer in enumerate(shapes)
             for second, inner in enumerate(shapes)
-            if (inner.is_box and outer.link)
+            if (inner.stands and outer.link)
             or (
                 outer.link > inner.link + 1 and (inner.link, outer.link) not in safety.ignore and (safety.tool or first)
             )
@@ -153,19 +183,80 @@ class Collision:
             length += float(np.linalg.norm(joint.frame[:3, 3])) + slide
         return out
 
-    def _refuse_what_always_touches(self) -> None:
+    def _leave_out_what_always_touches(self) -> None:
         joints, margin, faults = self.robot.joints, self.safety.margin, []
         low, high = np.transpose([joint.limits or (_TURN if joint.is_revolute else _SLIDE) for joint in joints])
         rng = np.random.default_rng(0)
         distance = np.array([self.distances(position) for position in rng.uniform(low, high, (_DRAWN, len(low)))])
-        for pair in np.flatnonzero((distance < margin).all(axis=0)):
+        touches = (distance < margin).all(axis=0)
+        for pair in np.flatnonzero(touches):
             outer, inner = self._pairs[pair]
+            # Links of a wrist overlap, and the first link turns on what the base stands on: no motion changes that.
+            if (outer.link == 1 and outer.is_capsule) if inner.stands else (outer.is_capsule or inner.is_capsule):
+                self.touching.append(f"{outer.label} and {inner.label}")
+                continue
             what = (
                 f"{outer.label} is nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm in all of {_DRAWN}"
                 " random postures within the limits, so no posture is allowed"
             )
             mend = f"make the spheres smaller, or add {[inner.link, outer.link]} to safety.ignore"
-            if inner.is_box:
-                mend = "make the box smaller; a sphere that does not move belongs to link 0, which may stand in a box"
+            if inner.stands:
+                mend = (
+                    "make the box smaller, or lower safety.floor; what does not move belongs to link 0, which may touch"
+                )
             faults.append(RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend))
         refuse(faults)
+        free = np.flatnonzero(~touches).tolist()
+        self._pairs, self._geometries = ([whole[pair] for pair in free] for whole in (self._pairs, self._geometries))
+        self._reach = self._reach[free]
+
+
+def _shapes(robot: Robot, safety: Safety) -> Iterator[tuple[Geometry, dict[str, Any]]]:
+    """Every shape of a recipe, with its attributes in MuJoCo; the tip is the first."""
+    kinds, last = _engine().mjtGeom, robot.n_joints
+    for number, ball in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
+        label = f"sphere {number} of {_link(ball.link)}" if number else "the tip"
+        extent = float(np.linalg.norm(ball.centre)) + ball.radius
+        yield Geometry(label, ball.link, extent), {"pos": ball.centre, "size": [ball.radius, 0, 0]}
+    for rod in (*safety.capsules, *link_capsules(robot, safety)):
+        extent = max(float(np.linalg.norm(end)) for end in (rod.start, rod.end)) + rod.radius
+        where = {"type": kinds.mjGEOM_CAPSULE, "fromto": [*rod.start, *rod.end]}
+        if np.allclose(rod.start, rod.end, rtol=0.0, atol=_POINT):
+            where = {"pos": rod.start}
+        yield Geometry(_link(rod.link), rod.link, extent, is_capsule=True), {**where, "size": [rod.radius, 0, 0]}
+    for box in safety.boxes:
+        low, high = np.array(box.low), np.array(box.high)
+        size = {"type": kinds.mjGEOM_BOX, "pos": (low + high) / 2, "size": (high - low) / 2}
+        yield Geometry(f"the box '{box.name}'", 0, stands=True), size
+    if safety.floor is not None:
+        x, y, z = up = -np.array(robot.gravity) / np.linalg.norm(robot.gravity)
+        turn = [1.0 + z, -y, x, 0.0] if z > _POINT - 1.0 else [0.0, 1.0, 0.0, 0.0]  # takes z to up
+        plane = {"type": kinds.mjGEOM_PLANE, "pos": safety.floor * up, "quat": turn, "size": [1, 1, 1]}
+        yield Geometry("the floor", 0, stands=True), plane
+
+
+def link_capsules(robot: Robot, safety: Safety) -> Iterator[Capsule]:
+    """The capsules of `safety.links`: from a joint's frame along the next joint's `a`, then `d`; last to the tool."""
+    for link, radius in safety.links:
+        origin = (0.0, 0.0, 0.0)
+        if link == robot.n_joints:
+            yield Capsule(link, origin, safety.tool or origin, radius)
+            continue
+        after = robot.joint(link + 1)
+        x, y, z = after.frame[:3, 3].tolist()
+        corner = (after.a, 0.0, 0.0) if after.placement is None else origin
+        if corner in (origin, (x, y, z)):
+            yield Capsule(link, origin, (x, y, z), radius)
+        else:
+            yield Capsule(link, origin, corner, radius)
+            yield Capsule(link, corner, (x, y, z), radius)
+
+
+def _link(number: int) -> str:
+    return f"link {number}" if number else "the base"
+
+
+def _engine() -> Any:
+    import mujoco  # slow to load
+
+    return mujoco

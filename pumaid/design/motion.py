@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import toeplitz
 
-from pumaid.design.collision import Collision
+from pumaid.design.candidate_runs import home
+from pumaid.design.collision import TOLERANCE, Collision
 from pumaid.design.information import RATE, Criterion, Prior, prior_robots, standard_errors
 from pumaid.design.plan import check_minutes, conditions, needs, plan
 from pumaid.errors import ModelError, Note, Where
@@ -197,7 +198,7 @@ class Fourier:
     kind = "fourier"
 
     def __init__(self, robot: Robot, collision: Collision, seconds: float) -> None:
-        self.collision, self.low_high = collision, np.transpose([span(joint) for joint in robot.joints])
+        self.collision, self.low_high = collision, _room(robot)
         self.speeds, self.accelerations = _limits(robot)
         self.repeats = max(int(seconds / PERIOD), LEAST_REPEATS)
         self.period = seconds / self.repeats
@@ -253,7 +254,7 @@ class Picks:
     kind = "picks"
 
     def __init__(self, robot: Robot, collision: Collision, seconds: float) -> None:
-        self.collision, self.low_high = collision, np.transpose([span(joint) for joint in robot.joints])
+        self.collision, self.low_high = collision, _room(robot)
         self.speeds, self.accelerations = _limits(robot)
         rng = np.random.default_rng(0)
         usual = np.mean(self._lasting(rng.random((100, robot.n_joints)))) + PAUSE
@@ -305,6 +306,11 @@ class Picks:
 
 #: Kind -> what draws such trajectories.
 KINDS: dict[str, type[Fourier] | type[Picks]] = {"fourier": Fourier, "picks": Picks}
+
+
+def _room(robot: Robot) -> Floats:
+    """(2, J) lowest and highest position that a trajectory may take, in the middle of which the arm is at home."""
+    return np.array([span(joint, at) for joint, at in zip(robot.joints, home(robot).tolist(), strict=True)]).T
 
 
 def _limits(robot: Robot) -> tuple[Floats, Floats]:
@@ -360,7 +366,7 @@ def best_motion(
             worth = float(criterion.value(best[1]))
         if turn == DRAWN - 1 and best is None:
             what = f"all of {DRAWN} random {kind} trajectories strike something"
-            raise ModelError("plan-unsafe", what, mend="widen the limits, or correct the recipe's boxes and spheres")
+            raise ModelError("plan-unsafe", what, mend="widen the limits, or correct the recipe's block safety")
     assert best is not None
     return best
 
@@ -394,7 +400,7 @@ def plan_motion(
     made, errors = dict[str, Trajectory](), dict[str, dict[str, float]]()
     for name in KINDS:
         made[name], information = best_motion(
-            name, looked.information, collision=looked.collision, seconds=seconds, seed=seed, tell=tell
+            name, looked.information, collision=Collision(robot, spare=TOLERANCE), seconds=seconds, seed=seed, tell=tell
         )
         errors[name] = looked.information.errors(information)
     tell("runs at constant speed, to compare")

@@ -5,13 +5,25 @@ is what every joint gets whatever it tells, since diagnosis needs it: postures, 
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.design.candidate_runs import SHARES, Block, Sweep, free_blocks, home, postures, schedule, speeds, sweeps
-from pumaid.design.collision import Collision
+from pumaid.design.candidate_runs import (
+    SHARES,
+    Block,
+    NoWay,
+    Sweep,
+    free_blocks,
+    home,
+    postures,
+    schedule,
+    speeds,
+    sweeps,
+)
+from pumaid.design.collision import TOLERANCE, Collision
 from pumaid.design.information import (
     RATE,
     CandidateInformation,
@@ -54,6 +66,8 @@ _FITTINGS, _FULL = 5, 0.98
 _BACKGROUND = 0.5
 #: Random postures a joint, and how many times that are drawn where the recipe forbids some.
 _DRAWN, _MORE = 20, 4
+#: Postures that are given up at most because no free way leads to them.
+_LEFT_OUT = 8
 #: A posture serves a parameter whose error grows by this factor without it; from the second on it is lost. Parameters
 #: that are named of a posture, at most.
 _SERVES, _LOST, _NAMED = 1.15, 1e3, 3
@@ -102,7 +116,7 @@ class Planner:
     ) -> None:
         self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
         self.seconds, self.shares, self.postures, self.passes = seconds, shares, postures, passes
-        self.absent, self.collision = absent_names(minimal(robot)), Collision(robot)
+        self.absent, self.collision = absent_names(minimal(robot)), Collision(robot, spare=TOLERANCE)
         self.names = tuple(name for name in gravity_names(robot) if name not in self.absent)
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
@@ -130,13 +144,29 @@ class Planner:
         self.whole = self.criterion = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
 
     def plan(self) -> Plan:
-        """The plan that is asked for, without what it promises.
+        """The plan that is asked for, without what it promises and postures to which no free way was found.
 
         Raises
         ------
         ModelError [plan-too-short]
             The least experiment that shows everything takes longer.
+        NoWay [plan-unsafe]
+            Too many postures cannot be reached.
         """
+        for _ in range(_LEFT_OUT):
+            try:
+                return self._planned()
+            except NoWay as error:
+                blocks, stuck = self.candidates.blocks, error.hold
+                free = np.flatnonzero([block.hold != stuck for block in blocks])
+                if len({blocks[place].joint for place in free}) < self.robot.n_joints:
+                    raise
+                self.candidates, self._away = self.candidates.only(free), self._away[free]
+                self.judging = [block for block in self.judging if block.hold != stuck]
+        return self._planned()
+
+    def _planned(self) -> Plan:
+        """The same of all candidates."""
         self.tell("choosing runs")
         many = int(np.clip(round((self.seconds or 0.0) / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         least = {"passes": self.passes or many} | ({"postures": self.postures} if self.postures else {})
@@ -186,6 +216,9 @@ class Planner:
         ways = sweeps(robot, joint, speeds(robot, joint, shares))
         parts = [free_blocks(self.collision, hold[None], ways) for hold in holds]
         if free := [part for part in parts if part]:
+            # First those with a free way home, between which most ways are free.
+            middle = home(robot)
+            free.sort(key=lambda part: self.collision.first_hit(np.array(part[0].hold), middle) is not None)
             return free[:count]
         moving, name = np.arange(robot.n_joints) == joint - 1, robot.joint(joint).name
         start, end = (np.where(moving, place, holds[0]) for place in (ways[0].low, ways[0].high))
@@ -195,7 +228,7 @@ class Planner:
             "plan-unsafe",
             f"joint {joint} ({name}) collides in all of {len(holds)} postures of the others{why}",
             Where(joint=joint),
-            "widen the limits, or correct the recipe's boxes and spheres",
+            "widen the limits, or correct the recipe's block safety",
         )
 
     def _optimum(self, budget: float) -> ContinuousDesign:
@@ -222,7 +255,7 @@ class Planner:
             places = {k: block.sweeps[0] for k, block in enumerate(table.blocks) if block.joint == joint.number}
             posture = dict(zip(places, table.posture[list(places)].tolist(), strict=True))
             free = dict.fromkeys(posture.values())
-            for place, ways in enumerate(self._covering(list(dict.fromkeys(places.values())), coverage)):
+            for place, ways in enumerate(self._covering(Counter(places.values()), coverage)):
                 options = [[k for k, way in places.items() if posture[k] == at and way in ways] for at in free]
                 fullest = max((len(made) for made in options), default=0)
                 options = [made for made in options if made and len(made) == fullest]
@@ -236,14 +269,18 @@ class Planner:
                 information = information + gathered[best]
         return counts
 
-    def _covering(self, ways: Sequence[Sweep], coverage: Coverage) -> Iterator[list[Sweep]]:
-        """The sweeps of each posture of a joint: parts of the range at slower speeds, and tours at the highest."""
+    def _covering(self, ways: Counter[Sweep], coverage: Coverage) -> Iterator[list[Sweep]]:
+        """The sweeps of each posture of a joint: parts of the range at slower speeds, and tours at the highest.
+
+        `ways` are its sweeps with the number of postures in which they are free.
+        """
         *rising, fast = sorted({sweep.speed for sweep in ways})
         half = (len(rising) + 1) // 2
         slower = [speed for k in range(half) for speed in rising[k::half]]  # so that a few of them lie far apart
         count = math.ceil(((len(rising) + 1 if self.shares else SPEEDS) - 1) / coverage.postures)
         fastest = [sweep for sweep in ways if sweep.speed == fast]
-        widest = max(round(sweep.high - sweep.low, 9) for sweep in fastest)
+        enough = min(coverage.whole, max(ways[sweep] for sweep in fastest))
+        widest = max(round(sweep.high - sweep.low, 9) for sweep in fastest if ways[sweep] >= enough)
         tours = [sweep for sweep in fastest if round(sweep.high - sweep.low, 9) == widest]
         for place in range(coverage.postures):
             chosen = list[Sweep]()
@@ -507,13 +544,17 @@ def unusable_notes(robot: Robot, given: Plan) -> Iterator[Note]:
 
 
 def collision_notes(robot: Robot, given: Plan) -> Iterator[Note]:
-    """Runs, and moves between them, that strike something."""
-    collision = Collision(robot)
+    """Runs, and moves between them, that strike something; one note of all that come too near to the same."""
+    collision, hits = Collision(robot), dict[str, list[Note]]()
     for step in trapezoids(robot, given):
         if (hit := collision.first_hit(step.start, step.end)) is not None:
             way = f"the move from run {step.number - 1} to run" if step.motion is None else "run"
             joint = None if step.motion is None else step.motion.joint
-            yield Note("plan-strikes", f"{way} {step.number}: {hit}", Where(joint=joint, field=f"runs[{step.number}]"))
+            note = Note("plan-strikes", f"{way} {step.number}: {hit}", Where(joint=joint, field=f"runs[{step.number}]"))
+            hits.setdefault(hit.split(" than ")[0], []).append(note)
+    for first, *rest in hits.values():
+        more = f"; and so in {len(rest)} more runs and moves" if rest else ""
+        yield replace(first, text=first.text + more)
 
 
 def lack_notes(robot: Robot, given: Plan) -> Iterator[Note]:
@@ -542,11 +583,7 @@ def lack_notes(robot: Robot, given: Plan) -> Iterator[Note]:
 def conditions(robot: Robot) -> Iterator[str]:
     """What a forecast takes for granted of limits, speeds and surroundings."""
     yield f"{RATE:g} samples a second; ramps reach the highest speed in 0.4 s."
-    if robot.safety is None:
-        yield (
-            "The recipe states no boxes and no spheres (block safety): collisions are not checked. Look at each posture"
-            " before it is run."
-        )
+    yield Collision(robot).sentence
     for joint, top in zip(robot.joints, highest_speeds(robot), strict=True):
         unit, label = "deg" if joint.is_revolute else "m", f"Joint {joint.number} ({joint.name}) states no"
         if joint.limits is None:

@@ -50,10 +50,10 @@ class StrictForm(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _leave_out_empty(cls, data: Any) -> Any:
-        """What is empty, as a block whose lines are all commented out, means its default; a quantity may be null."""
+        """What is empty, as a block whose lines are all commented out, means its default; some values may be null."""
         if not isinstance(data, dict):
             return data
-        used = {*cls.model_fields} - {"velocity", "temperature"}
+        used = {*cls.model_fields} - {"velocity", "temperature", "floor"}
         return {str(key): value for key, value in data.items() if value is not None or key not in used}
 
 

@@ -35,6 +35,7 @@ from pumaid.maths import Floats
 from pumaid.robot import (
     QUANTITIES,
     Box,
+    Capsule,
     EffectChoice,
     Joint,
     Point,
@@ -133,6 +134,7 @@ GearRatio = Annotated[
     Finite,
     check(lambda ratio, _: 1e-3 <= abs(ratio) <= 1e5, "{} is no gear's ratio", "write motor turns per joint turn"),
 ]
+Radius = Annotated[Finite, Field(gt=0, le=LONGEST_LINK)]
 Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
 Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
 Link = Annotated[
@@ -224,12 +226,26 @@ class SphereForm(StrictForm):
 
     link: Link = like("the link that carries the sphere; 0 is the base")
     centre: Triple = like("[x, y, z]   (m, not mm, in the link's frame)")
-    radius: Annotated[Finite, Field(gt=0, le=LONGEST_LINK)] = like(_METRES)
+    radius: Radius = like(_METRES)
+
+
+class CapsuleForm(StrictForm):
+    """One entry of `safety.capsules`."""
+
+    link: Link = like("the link that carries the capsule; 0 is the base")
+    start: Triple = like("[x, y, z]   (m, not mm, in the link's frame)")
+    end: Triple = like("[x, y, z]   (m, not mm, in the link's frame)")
+    radius: Radius = like(_METRES)
 
 
 class SafetyForm(StrictForm):
     """The block `safety`."""
 
+    floor: Length | None = like("0   (m above the base's origin; null where there is none)", default=None)
+    links: dict[Link, Radius] = like("{0: 0.1, 1: 0.08, 2: 0.06}, radius in m by link", default={})
+    capsules: list[CapsuleForm] = like(
+        "[{link: 2, start: [0, 0, 0], end: [0.4, 0, 0], radius: 0.06}]", default=[], max_length=200
+    )
     tool: Triple | None = like("[x, y, z]   (m, not mm, in the last link's frame)", default=None)
     boxes: list[Annotated[BoxForm, Inside]] = like(
         "[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100
@@ -257,7 +273,9 @@ class RecipeForm(StrictForm):
     units: dict[Literal["angle"], AngleUnit] = like("{angle: deg}", default={})
     log: LogForm = like("its keys below it, indented", default=LogForm())
     effects: list[EffectForm] = like("[{effect: NAME, joint: 3}]", default=[])
-    safety: SafetyForm = like("its keys below it, indented: boxes, spheres, tool, margin", default=SafetyForm())
+    safety: SafetyForm = like(
+        "its keys below it, indented: floor, links, capsules, tool, boxes, margin", default=SafetyForm()
+    )
     coupling: dict[Annotated[str, AfterValidator(_coupling)], Finite] = Field({})
     files: dict[str, dict[Literal["payload"], PayloadForm]] = like(
         "{tool_*.csv: {payload: {mass: 0.5, at: [0.1, 0, 0]}}}", default={}
@@ -362,7 +380,7 @@ def _joints(forms: Sequence[JointForm], names: Sequence[str]) -> tuple[tuple[Joi
 
 def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:
     """Places in the links' frames are turned into frames about whose z the links move."""
-    if form == SafetyForm():
+    if not form.model_fields_set:
         return None
 
     def placed(link: int, point: Point) -> Point:
@@ -375,6 +393,9 @@ def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:
         None if form.tool is None else placed(len(turns) - 1, form.tool),
         form.margin,
         tuple((min(pair), max(pair)) for pair in form.ignore),
+        form.floor,
+        tuple(sorted(form.links.items())),
+        tuple(Capsule(c.link, placed(c.link, c.start), placed(c.link, c.end), c.radius) for c in form.capsules),
     )
 
 
@@ -446,9 +467,8 @@ def shipped_recipes() -> dict[str, Path]:
 def started_from(name: str) -> str:
     """The text of the shipped recipe `name` with remarks on what to change; KeyError where there is none."""
     text = shipped_recipes()[name].read_text(encoding="utf-8")
-    return recipe_text(
-        f"pumaid init {name}", body=text.rstrip(), joints=[""] * text.count("{name:"), has_log="log:" in text
-    )
+    has = {f"has_{block}": f"{block}:" in text for block in ("log", "safety")}
+    return recipe_text(f"pumaid init {name}", body=text.rstrip(), joints=[""] * text.count("{name:"), **has)
 
 
 def blank(n_joints: int) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pumaid.errors import Faults, PumaidError, RecipeError
-from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes, started_from
+from pumaid.io.recipe import blank, find_recipe, read_recipe, shipped_recipes
 from pumaid.robot import Box, Safety, Sphere
 
 GOOD = """\
@@ -248,7 +248,7 @@ GEARED = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0, gear_ratio: 50}\n
 SIX = "name: six\ngravity: [0, 0, -9.8]\njoints:\n"
 #: A recipe up to the line of a block.
 HEADS = {
-    "safety": shipped_recipes()["puma560"].read_text(encoding="utf-8") + "safety:\n  ",
+    "safety": shipped_recipes()["puma560"].read_text(encoding="utf-8").split("safety:")[0] + "safety:\n  ",
     "coupling": f"{SIX}{GEARED * 6}coupling: ",
 }
 
@@ -316,10 +316,11 @@ def test_faults_of_several_blocks_come_together(recipe) -> None:
 
 def test_the_remarks_of_a_new_recipe_are_a_block(recipe) -> None:
     """What `pumaid init` writes as remarks on safety is a block that is read, once its marks are taken away."""
-    text = started_from("panda")
+    text = blank(3)
     block = text[text.index("# safety:") :].replace("# ", "", 1).replace("\n# ", "\n").replace("    # ", " # ")
     found = recipe(text + block).safety
     assert (len(found.boxes), len(found.spheres), found.tool) == (1, 1, (0, 0, 0.1))
+    assert found.floor == 0.0 and found.links == ((0, 0.06), (1, 0.06))
 
 
 def test_a_recipe_states_the_coupling(recipe) -> None:
