@@ -537,4 +537,5 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     free = [column for column in header if column not in named]
     near = {column: nearest(column, free, cutoff=ALIKE) for column in missing[:3]}
     hints = [f"the nearest to {column} is {name}" for column, name in near.items() if name]
-    return "; ".join([*hints, "name this file's columns in the recipe's log block (pumaid init shows one)"])
+    text = "name this file's columns in the recipe's log block (pumaid init shows one)"
+    return "; ".join([*hints, f"{text}; write {{name}} for a joint's name, which log_name states if it is another"])

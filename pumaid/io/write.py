@@ -126,6 +126,8 @@ def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[Any]:
             if (name := robot.log.column(quantity, joint.number)) and getattr(log, quantity) is not None
         ]
         table = {robot.log.time: log.time / factor(robot.log.units.get("time", "s"))}
+        if robot.log.fraction:  # the first column has all of the time
+            table[robot.log.fraction] = np.zeros(len(log))
         for name, quantity, joint in columns:
             values = getattr(log, quantity)[:, joint.number - 1] / factor_of(robot, quantity, joint)
             table[name] = values + robot.log.conversion(quantity, joint.number).zero

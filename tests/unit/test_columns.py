@@ -140,18 +140,18 @@ def test_position_whose_sign_is_two_s_complement(tmp_path: Path) -> None:
 def test_scale_and_zero_of_each_joint(tmp_path: Path) -> None:
     """(number - zero) * scale, one for all or one a joint; what is written in such columns is read again."""
     arm = robot(
-        "log:\n  position: {column: 'p_{name}', scale: [0.5, -2], zero: [100, 3]}\n"
+        "log:\n  time: [sec, nsec]\n  position: {column: 'p_{name}', scale: [0.5, -2], zero: [100, 3]}\n"
         "  current: {column: 'c{joint}', scale: 2.69, zero: 5}\n  units: {current: mA}\n"
     )
     numbers = np.array([[102.0, 2.0], [101.0, 4.0]]), np.array([[6.0, 5.0], [5.0, 4.0]])
-    path = table(tmp_path / "log.csv", "t,p_hip,p_knee,c1,c2", np.array([0.0, 0.1]), *numbers)
+    path = table(tmp_path / "log.csv", "sec,nsec,p_hip,p_knee,c1,c2", np.array([[3, 0], [3, 10**8]]), *numbers)
     (log,) = LogReader(path, arm)
     np.testing.assert_allclose(log.position, [[1.0, 2.0], [0.5, -2.0]])
     np.testing.assert_allclose(log.current, [[0.00269, 0.0], [0.0, -0.00269]])
     write_log(tmp_path / "again.csv", [log], arm)
     (again,) = LogReader(tmp_path / "again.csv", arm)
-    np.testing.assert_allclose(again.position, log.position)
-    np.testing.assert_allclose(again.current, log.current)
+    for name in ("time", "position", "current"):
+        np.testing.assert_allclose(getattr(again, name), getattr(log, name))
 
 
 @pytest.mark.parametrize(
