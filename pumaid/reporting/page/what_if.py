@@ -12,8 +12,8 @@ from pumaid.model import INERTIA, Model, loads_at
 from pumaid.reporting.page import Content, ReportContext, Section
 from pumaid.reporting.text import in_unit, joint_title, posture_text
 
-#: Of a joint: most numbers that are drawn, to so many steps; most bins, groups of runs, and runs of each.
-MOST_NUMBERS, STEPS, MOST_BINS, MOST_GROUPS, MOST_RUNS = 10_000, 9999, 1500, 4, 8
+#: Of a joint: most numbers that are drawn, to so many steps; most bins, groups of runs, and fewest runs of each.
+MOST_NUMBERS, STEPS, MOST_BINS, MOST_GROUPS, FEWEST_RUNS = 18_000, 2999, 1500, 3, 4
 
 
 def what_if(context: ReportContext) -> Content | None:
@@ -36,10 +36,10 @@ def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
     model = part.model.with_effects(marked((*part.model.effects, *(term for term, _ in tried))))
     facts: dict[str, Any] = {value.name: value for value in estimate.values} | {
         column.name: size
-        for term, sizes in tried
+        for term, (_, sizes) in zip(model.effects[len(part.model.effects) :], tried, strict=True)
         for column in term.parts(context.robot, None)
         for size in sizes
-        if column.name.rpartition(".")[2] == size.name.rpartition(".")[2]
+        if column.name.rpartition(".")[2] == size.name.rpartition(".")[2] + term.mark
     }
     pieces, p = _pieces(context, part, model), len(estimate.solution)
     numbers, fine = [*dict.fromkeys(k for k, *_ in pieces)], np.column_stack([nodes for *_, nodes in pieces])
@@ -55,6 +55,7 @@ def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
         "shares": score.shares,
         "floor": score.noise_floor,
         "columns": [[numbers.index(k), name, k < p] for k, name, _ in pieces],
+        "shapes": {term.effect.name + term.mark: term.shape for term in model.effects if term.touches(bins.joint)},
         "parameters": [
             {"value": 1.0} if k < 0 else _parameter(context, model.columns[k], facts.get(model.columns[k].name))
             for k in numbers
@@ -92,7 +93,8 @@ def _pieces(context: ReportContext, part: JointPrediction, model: Model) -> list
     stays = {term.effect.name for term in model.effects if term.effect.is_free}
     is_own = np.array([c.scope is not Scope.LINK or c.owner == bins.joint for c in columns])
     is_own &= [c.shape is None and c.effect not in stays for c in columns]
-    names = np.array([column.effect for column in columns])
+    marks = [term.mark for term in model.effects]
+    names = np.array([c.effect + ("" if c.place is None else marks[c.place]) for c in columns])
     parts = [(names, fine - moved), (np.full(len(names), INERTIA), moved)]
     solution = np.append(estimate.solution, np.zeros(len(columns) - len(estimate.solution))) * ~is_own
     pieces = [(k, str(of[k]), at[:, k]) for of, at in parts for k in np.flatnonzero(is_own & at.any(axis=0)).tolist()]
@@ -126,9 +128,11 @@ def _drawn(context: ReportContext, part: JointPrediction, beside: Floats) -> dic
     groups, cells = sorted(steady, key=len, reverse=True)[:MOST_GROUPS] or free[:MOST_GROUPS], []
     limit = min(MOST_BINS, MOST_NUMBERS // (beside.shape[1] + 4)) // len(groups)
     for group in groups:
-        runs = sorted(group, key=lambda n: bins.runs[n].speed)[:: -(-len(group) // MOST_RUNS)] if steady else group
-        whole = np.concatenate([np.arange(bins.lengths[n]) + bins.first[n] for n in runs])
-        cells.append(whole[:: -(-len(whole) // limit)] if steady else whole[:limit])
+        count = max(FEWEST_RUNS, limit * len(group) // int(bins.lengths[group].sum()))
+        runs = sorted(group, key=lambda n: bins.runs[n].speed)[:: -(-len(group) // count)] if steady else group
+        spans = [np.arange(bins.first[n], bins.first[n] + bins.lengths[n]) for n in runs]
+        thin = [whole[:: -(-len(whole) * len(runs) // limit)] for whole in spans] if steady else spans
+        cells.append(np.concatenate(thin)[:limit])
     x = scale * bins.samples.position[:, bins.joint - 1] if steady else bins.samples.elapsed
     table = np.column_stack([x, bins.samples.direction, bins.run, bins.current, beside])[np.concatenate(cells)]
     units = " | ".join(dict.fromkeys(context.unit(other.number)[1] for other in context.robot.joints))
@@ -144,7 +148,7 @@ def _drawn(context: ReportContext, part: JointPrediction, beside: Floats) -> dic
         "groups": [[places[n], len(part)] for n, part in enumerate(cells)],
         "speeds": {n: scale * bins.runs[n].speed for n in np.unique(bins.run[np.concatenate(cells)]).tolist()},
         "steps": steps.tolist(),
-        "drawn": np.rint(table / steps).astype(int).T.tolist(),
+        "drawn": np.diff(np.rint(table / steps).astype(int), axis=0, prepend=0).T.tolist(),
     }
 
 

@@ -11,13 +11,21 @@
   // Numbers
 
   function unpacked(data) {
-    const [x, way, run, current, ...rest] = data.drawn.map((column, n) => column.map((value) => value * data.steps[n]));
+    const [x, way, run, current, ...rest] = data.drawn.map((rises, n) => {
+      let sum = 0;
+      return rises.map((rise) => (sum += rise) * data.steps[n]);
+    });
     const errors = data.errors.map((error) => ({ ...error, grams: error.grams.map(square) }));
     const [fit] = errors[0].grams;
-    const keys = [...new Set(data.columns.map(([, name, present]) => name + (present ? "" : " (missing)")))];
-    const columns = data.columns.map(([p, name, present]) => [p, keys.indexOf(name + (present ? "" : " (missing)"))]);
-    const effects = keys.map((title, e) => ({ title: names[title] ?? title.replaceAll("_", " "), share: share(title, data.shares),
-      on: data.columns.some((column, c) => columns[c][1] === e && column[2]) }));
+    const key = ([, name, present]) => (present ? "" : "missing ") + name, keys = [...new Set(data.columns.map(key))];
+    keys.sort((a, b) => b.startsWith("missing ") - a.startsWith("missing "));
+    const columns = data.columns.map((column) => [column[0], keys.indexOf(key(column))]);
+    const effects = keys.map((text) => {
+      const name = text.replace("missing ", ""), shape = Object.entries(data.shapes[name] ?? {}), on = text === name;
+      const words = shape.map(([word, value]) => `${word} ${Number(value.toPrecision(4))}`).join(", ");
+      const note = [on ? share(name.replace(/_\d+$/, ""), data.shares) : "missing: try it", words && `(${words})`];
+      return { title: names[name] ?? name.replaceAll("_", " "), note: note.filter(Boolean).join(" "), on };
+    });
     const parameters = data.parameters.map((parameter, p) => {
       if (!parameter.name) return parameter; // what stays as fitted
       const c = columns.findIndex(([q]) => q === p), error = parameter.error ?? 0, value = parameter.value ?? 0;
@@ -36,11 +44,11 @@
   function share(effect, shares) {
     const group = Object.keys(shares).find((key) => key.split("+").includes(effect));
     const others = group?.split("+").filter((other) => other !== effect).map((other) => names[other] ?? other);
-    return group ? [`${(100 * shares[group]).toFixed(0)} %`, ...others].join(" with ") : "";
+    return group && `${(100 * shares[group]).toFixed(0)} %${others.length ? " together with " : ""}${others.join(" and ")}`;
   }
 
   function square(triangle) {
-    const size = (Math.sqrt(8 * triangle.length + 1) - 1) / 2, rows = Array.from({ length: size }, () => new Float64Array(size));
+    const size = (Math.sqrt(8 * triangle.length + 1) - 1) / 2, rows = Array.from({ length: size }, () => Array(size));
     let place = 0;
     for (let n = 0; n < size; n++) for (let m = n; m < size; m++) rows[n][m] = rows[m][n] = triangle[place++];
     return rows;
@@ -54,30 +62,26 @@
   /** Of samples: what is left of means over bins, and inside these. */
   function rmse({ grams, samples }, change) {
     const z = [...change, -1], dot = (row) => row.reduce((sum, value, n) => sum + value * z[n], 0);
-    const squares = grams.map((gram) => Math.max(dot(gram.map(dot)), 0));
-    return Math.sqrt((squares[0] + squares[1]) / samples);
+    return Math.sqrt(grams.reduce((sum, gram) => sum + Math.max(dot(gram.map(dot)), 0), 0) / samples);
   }
 
   /** Least squares over the parameters of effects that are on; those that the runs do not tell apart stay. */
   function refit(data) {
-    const free = data.parameters.flatMap((parameter, p) =>
-      parameter.range && data.columns.some(([q, e]) => q === p && data.on[e]) ? [p] : []);
     const of = (p) => data.columns.flatMap(([q, e], c) => (q === p && data.on[e] ? [c] : []));
-    const z = [...changes(data), -1], last = z.length - 1, places = free.map(of);
+    const free = data.parameters.flatMap((parameter, p) => (parameter.range && of(p).length ? [p] : []));
+    const z = [...changes(data), -1], places = free.map(of);
     const sum = (rows, columns) => rows.reduce((total, r) => total + columns.reduce((part, c) => part + data.fit[r][c], 0), 0);
-    const left = (rows) => -rows.reduce((total, r) => total + z.reduce((part, value, c) => part + value * data.fit[r][c], 0), 0);
-    const matrix = places.map((rows) => [...places.map((columns) => sum(rows, columns)), left(rows)]);
+    const rest = (rows) => -rows.reduce((total, r) => total + z.reduce((part, value, c) => part + value * data.fit[r][c], 0), 0);
+    const matrix = places.map((rows) => [...places.map((columns) => sum(rows, columns)), rest(rows)]);
     const before = matrix.map((row, n) => row[n]), size = free.length, done = new Set();
+    const apart = (n) => (done.has(n) || !before[n] ? 0 : matrix[n][n] / before[n]); // that the others do not explain
     for (let step = 0; step < size; step++) {
-      let best = -1;
-      for (let n = 0; n < size; n++)
-        if (!done.has(n) && before[n] > 0 && (best < 0 || matrix[n][n] / before[n] > matrix[best][best] / before[best])) best = n;
-      if (best < 0 || matrix[best][best] < 1e-9 * before[best]) break;
-      done.add(best);
-      const pivot = matrix[best].map((value) => value / matrix[best][best]);
-      matrix[best] = pivot;
+      const best = matrix.reduce((best, _, n) => (apart(n) > apart(best) ? n : best), 0);
+      if (apart(best) < 1e-9) break;
+      const pivot = (matrix[best] = matrix[best].map((value) => value / matrix[best][best]));
       for (let n = 0; n < size; n++)
         if (n !== best) matrix[n] = matrix[n].map((value, m) => value - matrix[n][best] * pivot[m]);
+      done.add(best);
     }
     for (const n of done) data.values[free[n]] += matrix[n][size];
     for (const p of free) { // sliders reach what was fitted
@@ -89,42 +93,42 @@
 
   // Controls
 
-  function element(name, properties = {}, ...children) {
+  function element(name, properties, ...children) {
     const made = Object.assign(document.createElement(name), properties);
     made.append(...children);
     return made;
   }
 
-  const digits = (value) => String(Number(value.toPrecision(5)));
+  const digits = (value) => (value && Math.abs(value) < 1e-3 ? value.toExponential(4) : String(Number(value.toPrecision(5))));
   const amperes = (value) => `${value.toPrecision(4)} A`;
 
   function slider(p) {
     const { name, unit: [scale, unit], ...parameter } = joint.parameters[p], shown = (value) => scale * value;
-    const value = shown(parameter.value), interval = parameter.interval?.map(shown), [low, high] = parameter.range.map(shown), width = high - low;
-    const place = (at) => `calc(8px + (100% - 16px) * ${Math.min(Math.max((at - low) / width, 0), 1)})`;
+    const interval = parameter.interval?.map(shown), [low, high] = parameter.range.map(shown), width = high - low;
+    const along = (at) => Math.min(Math.max((at - low) / width, 0), 1), place = (at) => `calc(8px + (100% - 16px) * ${along(at)})`;
     const bar = element("input", { type: "range", min: low, max: high, step: "any" });
     const box = element("input", { type: "number", step: Number((width / 200).toPrecision(1)), id: `what_if_${p}` });
     bar.setAttribute("aria-label", name);
     const track = element("span", { className: "track" });
     if (interval) {
-      const ends = interval.map((end) => Math.min(Math.max((end - low) / width, 0), 1));
       const band = element("i", { title: `95 % interval: ${digits(interval[0])} to ${digits(interval[1])} ${unit}` });
       band.style.left = place(interval[0]);
-      band.style.width = `calc((100% - 16px) * ${ends[1] - ends[0]})`;
+      band.style.width = `calc((100% - 16px) * ${along(interval[1]) - along(interval[0])})`;
       track.append(band);
     }
-    const mark = element("b");
-    mark.style.left = place(value);
+    const mark = element("b", {});
+    mark.style.left = place(shown(parameter.value));
     track.append(mark, bar);
     const moved = (text) => {
-      if (text === "" || !Number.isFinite(Number(text))) return;
+      if (text === "") return; // or what is no number yet
       joint.values[p] = Number(text) / scale;
+      joint.on[joint.columns.find(([q]) => q === p)[1]] = true;
       update();
     };
     bar.addEventListener("input", () => moved(bar.value));
     box.addEventListener("input", () => moved(box.value));
-    const row = element("div", { className: "slider" },
-      element("label", { htmlFor: box.id }, name), track, box, element("small", {}, unit));
+    const label = element("label", { htmlFor: box.id }, name, interval ? "" : element("small", {}, " not identified"));
+    const row = element("div", { className: "slider" }, label, track, box, element("small", {}, unit));
     row.show = () => {
       const now = shown(joint.values[p]);
       if (document.activeElement !== box) box.value = digits(now);
@@ -134,18 +138,18 @@
   }
 
   function controls() {
-    const sets = joint.effects.map(({ title, share }, e) => {
+    const sets = joint.effects.map(({ title, note }, e) => {
       const box = element("input", { type: "checkbox", checked: joint.on[e] });
       box.addEventListener("change", () => {
         joint.on[e] = box.checked;
         if (box.checked && !joint.effects[e].on) refit(joint);
         update();
-        find(".effects").children[e].querySelector("input").focus();
+        find(".effects").children[e].querySelector("input").focus({ preventScroll: true });
       });
       const numbers = [...new Set(joint.columns.filter((column) => column[1] === e).map(([p]) => p))];
       const own = numbers.filter((p) => joint.parameters[p].range && joint.columns.find(([q]) => q === p)[1] === e);
-      const set = element("fieldset", {},
-        element("legend", {}, element("label", {}, box, title, element("small", {}, share))), ...own.map(slider));
+      const set = element("fieldset", { className: joint.effects[e].on ? "" : "missing" },
+        element("legend", {}, element("label", {}, box, title, element("small", {}, note))), ...own.map(slider));
       set.show = () => { box.checked = joint.on[e]; set.classList.toggle("off", !joint.on[e]); };
       return set;
     });
@@ -178,11 +182,12 @@
     ctx.strokeStyle = ink("--ink");
     ctx.lineWidth = 1.5 * ratio;
     ctx.beginPath();
-    const last = new Map();
+    const last = new Map(), gaps = group.rows.slice(1).map((row, n) => row.x - group.rows[n].x).sort((a, b) => a - b);
+    const pause = joint.axis[0] === "time" && 3 * gaps[gaps.length >> 1];
     for (const row of group.rows) {
       const point = [plot.valToPos(row.x, "x", true), plot.valToPos(row.model, "y", true)], before = last.get(row.run);
-      if (before) ctx.moveTo(...before), ctx.lineTo(...point);
-      last.set(row.run, point);
+      if (before && !(pause && row.x - before[2] > pause)) ctx.moveTo(before[0], before[1]), ctx.lineTo(...point);
+      last.set(row.run, [...point, row.x]);
     }
     ctx.stroke();
     ctx.restore();
@@ -231,16 +236,18 @@
           series: [{}, dots(ahead), dots(back), ...(n ? [] : [{ paths: () => null, points: { show: false } }])],
         }, data[n], find(`.${name}`));
       });
+    find(".back").hidden = joint.way.every((way) => way > 0);
+    find(".ahead").hidden = joint.way.every((way) => way < 0);
     readout.textContent = hint;
   }
-
-  // Everything follows
 
   function update() {
     const change = changes(joint);
     const parts = joint.errors.map((error) => {
       const now = rmse(error, change), was = rmse(error, change.map(() => 0)), percent = 100 * (now / was - 1);
-      const told = Math.abs(percent) < 0.05 ? "as the model" : `${percent > 0 ? "+" : "−"}${Math.abs(percent).toFixed(1)} %, model ${amperes(was)}`;
+      const rise = `${percent > 0 ? "+" : "−"}${Math.abs(percent).toFixed(1)} %, model ${amperes(was)}`;
+      const times = `${(now / was).toPrecision(2)} times the model's ${amperes(was)}`;
+      const told = Math.abs(percent) < 0.05 ? "as the model" : percent < 100 ? rise : times;
       return element("div", {}, element("dt", {}, `RMSE of ${error.runs}`),
         element("dd", { className: percent > 0.05 ? "worse" : "" }, amperes(now), element("small", {}, told)));
     });
@@ -257,8 +264,7 @@
   }
 
   function choose() {
-    let start = 0;
-    joint.groups.slice(0, groups.selectedIndex).forEach(([, count]) => (start += count));
+    const start = joint.groups.slice(0, groups.selectedIndex).reduce((sum, [, count]) => sum + count, 0);
     const numbers = Array.from({ length: joint.groups[groups.selectedIndex][1] }, (_, n) => start + n);
     group = { order: numbers.sort((a, b) => joint.x[a] - joint.x[b]) };
     draw();
@@ -274,7 +280,10 @@
 
   section.hidden = false;
   joints = JSON.parse(document.getElementById("what_if_data").textContent).map(unpacked);
-  chooser.replaceChildren(...joints.map(({ title }) => element("option", {}, title)));
+  const missing = joints.map(({ effects }) => effects.filter(({ on }) => !on).map(({ title }) => title));
+  const lacking = missing.map((titles) => (titles.length ? `: ${[...new Set(titles)].join(", ")} missing` : ""));
+  chooser.replaceChildren(...joints.map(({ title }, n) => element("option", {}, title + lacking[n])));
+  chooser.selectedIndex = Math.max(missing.findIndex((titles) => titles.length), 0);
   chooser.addEventListener("change", open);
   groups.addEventListener("change", choose);
   find("[name=fit]").addEventListener("click", () => { refit(joint); update(); });
@@ -284,7 +293,6 @@
     update();
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", choose);
-  addEventListener("resize", () => plots.forEach((plot, n) =>
-    plot.setSize({ width: find([".current", ".residual"][n]).clientWidth, height: plot.height })));
+  addEventListener("resize", () => plots.forEach((plot) => plot.setSize({ width: find(".current").clientWidth, height: plot.height })));
   open();
 })();
