@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shutil
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
@@ -18,6 +19,7 @@ from ladders import experiment
 
 import pumaid
 from pumaid.diagnosis.compare import compare
+from pumaid.diagnosis.records import Size
 from pumaid.estimation.evaluate import predictions, rmse
 from pumaid.reporting.documents import parameters_as, parameters_frame
 from pumaid.reporting.page import (
@@ -136,23 +138,56 @@ def test_what_can_be_moved_is_plain_json(html):
     assert all(report_contexts.HOSTILE in joint["title"] for joint in joints)
 
 
+def error_of(joint, change: list[float]) -> float:
+    """The RMSE (A) of fitted runs by sums of products, the columns' factors changed by `change`."""
+    size, square = len(change) + 1, 0.0
+    for triangle in joint["errors"][0]["grams"]:
+        gram = np.zeros((size, size))
+        gram[np.triu_indices(size)] = triangle
+        square += max([*change, -1.0] @ (gram + np.triu(gram, 1).T) @ [*change, -1.0], 0.0)
+    return (square / joint["errors"][0]["samples"]) ** 0.5
+
+
 @pytest.mark.parametrize(
     ("name", "by", "within"),
     [("coulomb.j1.plus", 0.1, 1e-9), ("gravity.l1.y", 0.05, 1e-5), ("ripple.j1.cos", 0.02, 5e-3)],
 )
 def test_sums_of_products_are_the_programs_errors(ripple, name, by, within):
     """At many samples a bin, too, where a current that changes inside a bin leaves less than its noise there."""
-    context, estimate = ripple, ripple.estimate
-    joint = what_if.what_if(context)["joints"][0]
-    columns = [joint["parameters"][p].get("name") for p, *_ in joint["columns"]]
-    change, square = np.array([by * (column == name) for column in columns] + [-1.0]), 0.0
-    for triangle in joint["errors"][0]["grams"]:
-        gram = np.zeros((len(change), len(change)))
-        gram[np.triu_indices(len(change))] = triangle
-        square += max(change @ (gram + np.triu(gram, 1).T) @ change, 0.0)
-    solution = estimate.solution + by * (np.array(estimate.names) == name)
-    part = predictions(replace(estimate, solution=solution), context.dataset, context.robot)[1]
-    assert np.sqrt(square / joint["errors"][0]["samples"]) == pytest.approx(rmse([(part, part.counted)]), rel=within)
+    joint, names = what_if.what_if(ripple)["joints"][0], ripple.estimate.names
+    change = [by * (joint["parameters"][p].get("name") == name) for p, *_ in joint["columns"]]
+    solution = ripple.estimate.solution + by * (np.array(names) == name)
+    part = predictions(replace(ripple.estimate, solution=solution), ripple.dataset, ripple.robot)[1]
+    assert error_of(joint, change) == pytest.approx(rmse([(part, part.counted)]), rel=within)
+
+
+def test_effects_of_any_motion_are_off_as_the_program_splits_them(tmp_path):
+    """Without gravity what its parameters ask by inertia stays; without all effects the whole current is left."""
+    folder = shutil.copytree(Path(__file__).parents[2] / "sample_logs" / "ur5e_at_work", tmp_path / "arm")
+    arm = pumaid.load(folder)
+    dataset, robot = arm.dataset(), arm.robot
+    estimate = pumaid.identify(dataset, robot)
+    context = ReportContext(robot, estimate, dataset, compare(estimate, dataset, robot))
+    joint, part = what_if.what_if(context)["joints"][1], predictions(estimate, dataset, robot)[2]
+    values, count = [joint["parameters"][p]["value"] for p, *_ in joint["columns"]], part.bins.count
+    weight = part.parts[:, part.effects.index("gravity")]
+    without = np.average((part.residual + weight) ** 2 + part.inside, weights=count) ** 0.5
+    change = [-value * (name == "gravity") for value, (_, name, _) in zip(values, joint["columns"], strict=True)]
+    assert error_of(joint, change) == pytest.approx(without, rel=1e-6)
+    whole = np.average(part.bins.current**2 + part.bins.inside, weights=count) ** 0.5
+    assert error_of(joint, [-value for value in values]) == pytest.approx(whole, rel=1e-6)
+
+
+def test_each_ripple_that_is_missing_is_tried_by_itself(ripple):
+    """Beside the ripple in the model a second is a column of its own, at its frequency, with the diagnosis' size."""
+    sizes = (Size("cos", 0.04, 0.01, "A"),)
+    found = replace(diagnoses.stribeck(), effect="ripple", joint=1, shape={"frequency": 20.0}, sizes=sizes)
+    joint = what_if.what_if(replace(ripple, diagnosis=replace(diagnoses.small(), findings=(found,))))["joints"][0]
+    names = {(name, is_there) for _, name, is_there in joint["columns"] if "ripple" in name}
+    assert names == {("ripple", True), ("ripple_2", False)}
+    assert joint["shapes"] == {"ripple": "frequency 8", "ripple_2": "frequency 20"}
+    values = {item["name"]: item["value"] for item in joint["parameters"] if "name" in item}
+    assert values["ripple.j1.cos_2"] == 0.04 and values["ripple.j1.sin_2"] is None
 
 
 def test_summary_comes_before_tables(context, html):

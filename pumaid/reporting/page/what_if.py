@@ -6,11 +6,13 @@ import numpy as np
 
 from pumaid.effect_spec import Column, EffectTerm, marked
 from pumaid.effects import Scope, catalogue
+from pumaid.effects.curve import spoken_form
 from pumaid.estimation.evaluate import JointPrediction, predictions
 from pumaid.maths import Flags, Floats
 from pumaid.model import INERTIA, Model, loads_at
 from pumaid.reporting.page import Content, ReportContext, Section
 from pumaid.reporting.text import in_unit, joint_title, posture_text
+from pumaid.robot import worded
 
 #: Of a joint: most numbers that are drawn, to so many steps; most bins, groups of runs, and fewest runs of each.
 MOST_NUMBERS, STEPS, MOST_BINS, MOST_GROUPS, FEWEST_RUNS = 18_000, 2999, 1500, 3, 4
@@ -55,7 +57,7 @@ def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
         "shares": score.shares,
         "floor": score.noise_floor,
         "columns": [[numbers.index(k), name, k < p] for k, name, _ in pieces],
-        "shapes": {term.effect.name + term.mark: term.shape for term in model.effects if term.touches(bins.joint)},
+        "shapes": {term.effect.name + term.mark: _shape(term) for term in model.effects if term.touches(bins.joint)},
         "parameters": [
             {"value": 1.0} if k < 0 else _parameter(context, model.columns[k], facts.get(model.columns[k].name))
             for k in numbers
@@ -67,6 +69,13 @@ def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
         ],
         **_drawn(context, part, beside),
     }
+
+
+def _shape(term: EffectTerm) -> str:
+    """An effect's shape in words; empty where it has none."""
+    words = worded(term.shape).items()
+    texts = (f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in words)
+    return spoken_form(term.shape) if term.effect.is_free else ", ".join(texts)
 
 
 def _parameter(context: ReportContext, column: Column, fact: Any) -> dict[str, Any]:

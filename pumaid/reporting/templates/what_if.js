@@ -21,9 +21,8 @@
     keys.sort((a, b) => b.startsWith("missing ") - a.startsWith("missing "));
     const columns = data.columns.map((column) => [column[0], keys.indexOf(key(column))]);
     const effects = keys.map((text) => {
-      const name = text.replace("missing ", ""), shape = Object.entries(data.shapes[name] ?? {}), on = text === name;
-      const words = shape.map(([word, value]) => `${word} ${Number(value.toPrecision(4))}`).join(", ");
-      const note = [on ? share(name.replace(/_\d+$/, ""), data.shares) : "missing: try it", words && `(${words})`];
+      const name = text.replace("missing ", ""), shape = data.shapes[name], on = text === name;
+      const note = [on ? share(name.replace(/_\d+$/, ""), data.shares) : "missing: try it", shape && `(${shape})`];
       return { title: names[name] ?? name.replaceAll("_", " "), note: note.filter(Boolean).join(" "), on };
     });
     const parameters = data.parameters.map((parameter, p) => {
@@ -44,7 +43,7 @@
   function share(effect, shares) {
     const group = Object.keys(shares).find((key) => key.split("+").includes(effect));
     const others = group?.split("+").filter((other) => other !== effect).map((other) => names[other] ?? other);
-    return group && `${(100 * shares[group]).toFixed(0)} %${others.length ? " together with " : ""}${others.join(" and ")}`;
+    return group && `${Math.round(100 * shares[group])} %${others.length ? " together with " : ""}${others.join(" and ")}`;
   }
 
   function square(triangle) {
