@@ -266,7 +266,10 @@ def notes_on(
     wrong_signs = [note for note in signs if note.slug == "sign-odd"]
     causes = of_setups(fitted, [note.where.joint or 0 for note in missed])
     yield from (*frictionless, *causes, *of_weight(at_joints), *wrong_signs, *missed)
-    if not frictionless and not missed:  # what makes a model miss, as a zero or a clock, looks like lengths, too
+    uncoupled = list(of_ratios(estimate.values, robot))
+    yield from uncoupled
+    # What makes a model miss, as a zero or a clock, looks like lengths, too, and so do links that are not felt.
+    if not (frictionless or missed or uncoupled):
         yield from of_lengths(fitted)
     yield from of_runs(fitted, at_joints)
     yield from of_drift(estimate.joints, at_joints)
@@ -275,7 +278,6 @@ def notes_on(
         yield _note("few-runs", Where(joint=joint), runs=f"{runs} run{'s' if runs > 1 else ''}")
     yield from of_gears(fitted, robot)
     yield from (note for note in signs if note not in wrong_signs)
-    yield from of_ratios(estimate.values, robot)
     if not result.is_settled:
         yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
     timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]

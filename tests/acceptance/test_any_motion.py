@@ -105,6 +105,19 @@ def test_currents_without_friction_are_told(name):
     assert slugs[0] == "friction-none" and slugs.count("friction-none") == 1
 
 
+def test_links_that_are_not_felt_are_told_and_no_length():
+    """Simulated with the rotors' inertia alone: joint 1 feels nothing of others; no length is to blame."""
+    robot, rng = read_recipe(shipped_recipes()["ur5e"]), np.random.default_rng(9)
+    truth, q = draw(robot, 9), waves(rng, 60.0, reach(robot))[::TICKS]
+    v = np.gradient(q, 1.0 / RATE, axis=0)
+    rotors = 0.5 * np.gradient(v, 1.0 / RATE, axis=0)
+    drawn = gravity_load(robot, truth.links, q)[0] + rotors + 4.0 * np.sign(v) + 2.0 * v
+    current = truth.gain * drawn + 0.08 * rng.normal(size=q.shape)
+    log = Log("rotors.csv", np.arange(len(q)) + 2, np.arange(len(q)) / RATE, q, None, current)
+    slugs = [note.slug for note in identify(segment([log], robot), robot).notes]
+    assert "ratio-none" in slugs and "length-wrong" not in slugs
+
+
 @pytest.mark.parametrize(("seed", "moving", "is_shown"), [(76, (4, 5), False), (72, (3, 4, 5), True)])
 def test_a_ratio_is_told_only_where_the_likelihood_bounds_it(seed, moving, is_shown):
     """Of a wrist that moves alone a linearised fit knew eta4/eta5 as -0.09 ± 0.12; it is 1.27, and any fits as well."""
