@@ -74,7 +74,9 @@ def test_a_slide_with_strokes(tmp_path):
     path = tmp_path / "recipe.yaml"
     path.write_text(SCARA, encoding="utf-8")
     robot, z = read_recipe(path), []
-    runs = plan(robot, minutes=4.0)
+    ends = [(start, end) for start, end in ((-0.15, -0.05), (-0.12, -0.04)) for _ in range(2)]
+    strokes = [Motion(3, (0.3,) * 4, *way, 0.4) for start, end in ends for way in ((start, end), (end, start))]
+    runs = Plan(robot.name, (*plan(robot, minutes=4.0).motions, *strokes))
     for seed in SEEDS:
         truth = draw(robot, seed)
         dataset = segment(simulate(truth.robot, runs, truth=truth, seed=seed, rate=200.0), robot)
