@@ -141,7 +141,7 @@ def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Co
         padded = np.zeros((runs.stop - start, int(lengths[runs].max()), table.shape[1]))
         padded[run - start, np.arange(first, last) - bins.first[run]] = table[first:last]
         upper: Floats = np.asarray(np.linalg.qr(padded, mode="r"))
-        basis, singular, right = np.linalg.svd(upper[:, :, :m], full_matrices=False)
+        basis, singular, right = _svd(upper[:, :, :m])
         is_spanned = singular > FLAT * np.maximum(singular[:, :1], 1e-300)
         turned = np.where(is_spanned[:, :, None], basis.transpose(0, 2, 1) @ upper[:, :, m:], 0.0)
         singular, k = np.where(is_spanned, singular, 0.0), singular.shape[1]
@@ -151,6 +151,18 @@ def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Co
         parameters[runs, live] = np.einsum("rkm,rk->rm", right, shares) / size[live]
         counts[runs] = is_spanned.sum(axis=1)
     return small[:, : max(int(counts.max()), 1)], counts, parameters
+
+
+def _svd(matrices: Floats) -> tuple[Floats, Floats, Floats]:
+    """Thin singular value decompositions of (R, n, m): by QR iterations where divide and conquer does not converge."""
+    try:
+        basis, singular, right = np.linalg.svd(matrices, full_matrices=False)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import svd  # loads a tenth of a second
+
+        parts = [svd(matrix, full_matrices=False, lapack_driver="gesvd") for matrix in matrices]
+        basis, singular, right = map(np.stack, zip(*parts, strict=True))
+    return basis, singular, right
 
 
 def fit_each_run(bins: JointBins, design: Floats) -> tuple[Floats, Counts]:

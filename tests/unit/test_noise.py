@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg, optimize, stats
 
 from pumaid.estimation.gls import clustered, interval, recursion_covariance, two_sided
-from pumaid.estimation.noise import NoiseModel, estimate, excess, freedoms
+from pumaid.estimation.noise import NoiseModel, _svd, estimate, excess, freedoms
 from pumaid.maths import Bilinear, Recursion
 
 RUNS, ROWS = 12, 3
@@ -208,3 +208,17 @@ def test_covariance_of_the_recursion_is_that_of_noisy_solutions():
     assert np.max(np.abs(correlation[0] - correlation[1])) < 0.2  # 4 / sqrt(500)
     # A ratio's error must mirror that of the load that it scales: strong here, so that the test can fail.
     assert np.min(correlation[1]) < -0.3
+
+
+def test_matrices_whose_decomposition_does_not_converge_are_decomposed_all_the_same(monkeypatch):
+    """LAPACK's divide and conquer fails on some matrices that QR iterations solve: the factors are the same."""
+    matrices = np.random.default_rng(3).normal(size=(4, 9, 5))
+    expected = _svd(matrices)[1]
+
+    def failing(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", failing)
+    basis, singular, right = _svd(matrices)
+    assert singular == pytest.approx(expected, rel=1e-12)
+    assert basis * singular[:, None] @ right == pytest.approx(matrices, abs=1e-12)

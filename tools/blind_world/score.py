@@ -249,7 +249,7 @@ def answers(experiment: Experiment, findings: list[Finding], last: Diagnosis) ->
     world, oracle = experiment.world, experiment.oracle
     shares = [signature(world, oracle, *pair) for pair in experiment.hidden]
     multiples = oracle.multiples(shares, [hidden.freedoms for hidden, _ in experiment.hidden])
-    alone = [item for item in findings if not item.rivals]
+    alone = [item for item in findings if not item.rivals and item.effect != "curve"]  # which names no effect
     false = {felt_at(item) for item in alone if not is_right(experiment, item)}
     out = []
     for (hidden, amplitude), multiple in zip(experiment.hidden, multiples, strict=True):
