@@ -341,12 +341,13 @@ def test_help_imports_nothing_heavy():
 
 
 def test_a_dataset_needs_no_reader(tmp_path):
-    """Where the dataset was written, a second command loads neither Arrow nor scipy's optimisers."""
+    """Where the dataset was written, a second command loads neither Arrow nor scipy's optimisers; none loads pandas."""
     arm = PACKAGE.parent / "sample_logs" / "pendulum"
     words = ["identify", str(arm / "logs"), "--recipe", str(arm / "recipe.yaml"), "--results", str(tmp_path)]
     program = (
         f"import sys\nfrom pumaid.cli import group\ngroup.main({words!r}, standalone_mode=False)\n"
-        "print(','.join(name for name in ('pyarrow', 'scipy.optimize', 'scipy.ndimage') if name in sys.modules))"
+        "heavy = 'pandas', 'pyarrow', 'scipy.optimize', 'scipy.ndimage'\n"
+        "print(','.join(name for name in heavy if name in sys.modules))"
     )
     first, second = (
         subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.splitlines()

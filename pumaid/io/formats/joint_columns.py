@@ -53,9 +53,10 @@ class JointColumns:
         """All columns, those of the file first; a second name of a numbered one says whose it is in the first row."""
         import pyarrow as pa
 
-        numbers = [[cell.replace(",", ".") if NUMBER.fullmatch(cell) else "nan" for cell in row] for row in self._cells]
         columns = {
-            k: pa.array(row if k in self.texts else [*map(float, numbers[k])]) for k, row in enumerate(self._cells)
+            k: pa.array(self._cells[k] if k in self.texts else [*map(_number, self._cells[k])])
+            for places in self._lists.values()
+            for k in places
         }
         self._stems = {name: stems for name, stems, _ in self._leaves(columns, self._lists)} if columns else {}
         named = self._lists.get(self._names, [])
@@ -107,6 +108,10 @@ class JointColumns:
         text = pc.replace_substring_regex(columns[0], _AROUND, "")
         parts = pc.split_pattern_regex(pc.if_else(pc.equal(text, ""), pa.scalar(None, pa.string()), text), _BETWEEN)
         return parts if self._is_text(self._lists[stem][0]) else parts.cast(pa.list_(pa.float64()))
+
+
+def _number(cell: str) -> float:
+    return float(cell.replace(",", ".")) if NUMBER.fullmatch(cell) else np.nan
 
 
 def _split(stem: str) -> tuple[str, str]:
