@@ -4,6 +4,7 @@ The recordings are looked for where ``PUMAID_REAL_DATA`` points, else in ``share
 """
 
 import json
+import math
 import os
 import shutil
 import sys
@@ -175,13 +176,21 @@ def spelled(effect: dict[str, Any]) -> str:
 
 
 def unseen_by_joint(place: Path, effect: str, owner: int, shape: dict[str, float]) -> dict[int, tuple[float, float]]:
-    """By joint that an effect touches: RMSE of its blocks, each left out of the fit, without and with the effect."""
+    """By joint that an effect touches: RMSE (A) of its blocks in cells, each left out of the fit, without and with it.
+
+    What comes and goes within a cell, which no fit to cells explains, is not in it.
+    """
     dataset, robot = load_dataset(place / "results" / "dataset.npz")[0], read_recipe(place / "recipe.yaml")
     fitted = Stepwise(Model.of_runs(robot, dataset.runs), dataset.runs).solved([])
     term = EffectTerm(catalogue()[effect], owner, shape)
     joints = (owner, int(shape["on"]))
     folds = {joint: leave_out(fitted, (term,), replicate_folds(fitted, [joint])) for joint in joints}
-    return {joint: (fold.before, fold.after) for joint, fold in folds.items()}
+    cells = {joint: fitted.by_bin[joint].bins for joint in joints}
+    fast = {joint: float(np.average(bins.inside, weights=bins.count)) for joint, bins in cells.items()}
+    return {
+        joint: (math.sqrt(fold.before**2 - fast[joint]), math.sqrt(fold.after**2 - fast[joint]))
+        for joint, fold in folds.items()
+    }
 
 
 def identified(title: str, place: Path) -> Iterator[str]:

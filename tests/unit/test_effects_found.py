@@ -44,26 +44,35 @@ def searched(lab: Lab, seed: int) -> DiagnosisBuilder:
 )
 def test_twice_its_limit_is_named(name, joint, values):
     """All that is found is the effect, or what it is a rival of; either way its size is right within three errors."""
-    is_named_right(name, joint, values, size=2.0 * limits()[name, joint].size)
+    names, off = found(name, joint, values, size=2.0 * limits()[name, joint].size)
+    assert all(name in told for told in names) and np.abs(off).max() < 3.0
 
 
 def test_a_ripple_that_grows_with_the_load():
     """Twice the limit of a ripple, its height at the root mean square of the load."""
     load = Lab.of(PENDULUM, PLAN).truth.gravity_current(np.linspace([-1.8, 0.0], [1.8, 0.0]))[:, 0]
     size = 2.0 * limits()["ripple", 1].size / np.sqrt(np.mean(load**2))
-    is_named_right("load_ripple", 1, {"cos": 1.0, "sin": 0.0, "frequency": 23.0}, size=size, bins=128)
+    names, off = found("load_ripple", 1, {"cos": 1.0, "sin": 0.0, "frequency": 23.0}, size=size, bins=128)
+    assert all("load_ripple" in told for told in names) and np.abs(off).max() < 3.0
 
 
-def is_named_right(name: str, joint: int, values: dict[str, float], *, size: float, bins: int = 64) -> None:
-    """Hide the effect, the first of its values times `size`, and look for it with each seed."""
+def found(
+    name: str, joint: int, values: dict[str, float], *, size: float, bins: int = 64
+) -> tuple[list[list[str]], list[float]]:
+    """Of each seed the name and rivals of the only addition, and how many errors the size is off.
+
+    The effect is hidden with the first of its values times `size`.
+    """
+    names, off = list[list[str]](), list[float]()
     first = next(iter(values))
     lab = Lab.of(PENDULUM, PLAN, Hidden(name, joint, {**values, first: size}), bins=bins)
     for seed in SEEDS:
         builder = searched(lab, seed)
         (only,) = builder.search.accepted
-        assert only.key[1] == joint and name in (only.key[0], *(rival.key[0] for rival in only.rivals))
+        names.append([item.key[0] for item in (only, *only.rivals) if item.key[1] == joint])
         sizes = next(one for one in builder.joint(joint, None).candidates if one.effect == name).sizes
-        assert sizes[0].name == first and sizes[0].value == pytest.approx(size, abs=3.0 * sizes[0].std_error)
+        off.append((sizes[0].value - size) / sizes[0].std_error if sizes[0].name == first else np.inf)
+    return names, off
 
 
 def test_a_gear_that_ripples_with_and_without_load():
