@@ -23,8 +23,9 @@ from pumaid.estimate import Estimate, Value
 from pumaid.estimation import estimate as fitting
 from pumaid.experiment import LOGS, MODEL, Experiment
 from pumaid.exports import Exported, export
+from pumaid.reporting.diagnosis import diagnosis_parts
 from pumaid.reporting.documents import parameters_frame
-from pumaid.reporting.tables import combination_table, comparison_table, diagnosis_parts, parameter_table
+from pumaid.reporting.tables import combination_table, comparison_table, parameter_table
 from pumaid.results.documents import write_model
 from pumaid.robot import Robot
 

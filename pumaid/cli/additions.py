@@ -15,8 +15,8 @@ from pumaid.effects import catalogue
 from pumaid.errors import ResultError
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.experiment import Experiment, check_logs
+from pumaid.reporting.diagnosis import left_out_sentence, step_sentence
 from pumaid.reporting.table import Paragraph
-from pumaid.reporting.text import left_out_sentence, step_sentence
 from pumaid.results.history import keep
 from pumaid.robot import EffectChoice, Robot
 

@@ -4,39 +4,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pumaid.diagnosis.records import (
-    ABSENT,
-    ADD,
-    STAND_IN,
-    UNEXPLAINED_JOINT,
-    UNSEEN,
-    Candidate,
-    Diagnosis,
-    Finding,
-    JointDiagnosis,
-)
 from pumaid.effects import catalogue
 from pumaid.effects.curve import spoken_form
 from pumaid.estimate import IDENTIFIED, Estimate, JointResult, Value
 from pumaid.estimation.evaluate import Comparison
-from pumaid.reporting import text as sentences
-from pumaid.reporting.table import Cell, Paragraph, Row, Table
+from pumaid.reporting.table import Cell, Row, Table
 from pumaid.reporting.text import (
     BUDGET_CAPTION,
     BUDGET_LIMITS,
-    bare,
+    by_joint,
     changes,
     in_unit,
     is_above_floor,
     is_noise_only,
     is_structural,
     joint_label,
-    label,
     letters,
     listed,
     part_share,
+    part_text,
     percent,
-    plural,
     posture_text,
     relative_names,
     run_time,
@@ -44,7 +31,7 @@ from pumaid.reporting.text import (
 )
 from pumaid.results.history import Ladder
 from pumaid.robot import Robot
-from pumaid.units import deviations, number
+from pumaid.units import number
 
 #: Field of a joint's noise -> its heading and what it is; that of blocks where no run is repeated.
 NOISES = {
@@ -75,16 +62,7 @@ NO_BIAS = 1e-4
 #: Terms of a combination below this share of its largest are left out.
 SMALLEST_TERM = 1e-3
 
-#: Verdict -> its words and tone; others are said as they are.
-VERDICTS = {
-    ADD: ("add", "alarm"),
-    ABSENT: ("absent", "absent"),
-    UNSEEN: ("not testable", "unknown"),
-    STAND_IN: ("stands in", "weak"),
-}
-
 NONE = Cell("-", tone="absent")
-EMPTY = Paragraph("")
 
 #: Characters of a bar that is the whole residual; what fills it for noise and for a significant part.
 BUDGET_BAR, NOISE, SIGNIFICANT = 20, "░", "█"
@@ -225,7 +203,7 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
     still = "never moves alone in these logs"
     unknown = [(score.joint, score.noise_floor_reason if score.runs else still) for score in comparison.joints]
     texts = [(joint, text) for joint, text in unknown if text]
-    notes = [("-", text) for text in sentences.by_joint(texts, robot, count=len(comparison.joints))]
+    notes = [("-", text) for text in by_joint(texts, robot, count=len(comparison.joints))]
     caption = (
         f"{NOISES[noise][1]} Explained: share of the current's variance. Hold-out: RMSE of runs that were not fitted."
     )
@@ -268,96 +246,29 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
     )
 
 
-# A diagnosis
+def budget_table(comparison: Comparison, robot: Robot) -> Table | None:
+    """Parts of each joint's residual, significant ones first; below, what is noise and what the runs cannot separate.
 
-
-def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
-    """Candidates that explain more than their parameters cost; None where none does."""
-    marks: dict[str, str] = {}
+    None where no joint has runs.
+    """
+    joints = {score.joint: score.budget for score in comparison.joints if score.budget is not None}
     rows: list[Row] = []
-    candidates = [item for joint in diagnosis.joints for item in joint.candidates]
-    unique: dict[tuple[str, int | None], Candidate] = {}
-    for item in (item for item in candidates if item.verdict == ADD or item.evidence > 0.0):
-        unique.setdefault((item.effect, item.joint), item)
-    for item in sorted(unique.values(), key=lambda item: (item.joint is None, item.joint or 0)):
-        mark = marked(marks, item.reason) if item.verdict != ADD else ""
-        joint, (words, tone) = joint_label(robot, item.joint), VERDICTS.get(item.verdict, (item.verdict, "weak"))
-        verdict = Cell(words, mark=mark, tone=tone)
-        scores = [number(x, digits) if np.isfinite(x) else "-" for x, digits in ((item.p_value, 2), (item.evidence, 3))]
-        folds = [amount(rmse).text for rmse in (item.rmse_heldout_before, item.rmse_heldout_after) if rmse is not None]
-        rivals = ", ".join(label(name) for name in item.rivals) or "-"
-        rows.append(
-            [joint, label(item.effect), verdict, *scores, amount(item.rmse_after), " → ".join(folds) or "-", rivals]
-        )
-    header = ["joint", "effect", "verdict", "p", "dBIC", "RMSE (A)", "cross-validated (A)", "not separated from"]
-    caption = (
-        "p: over all effects and joints (family-wise). dBIC: evidence for the effect; above 10 is decisive. RMSE: of"
-        " fitted runs, with the effect. Cross-validated: RMSE of runs left out of the fit, without → with the effect."
-    )
-    if all(row[-1] == "-" for row in rows):
-        header, rows = header[:-1], [row[:-1] for row in rows]
-    return Table("Candidates", header, rows, notes_of(marks), caption, (0, 1, 2, 7)) if rows else None
-
-
-def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Table | None:
-    """Detection limit of each effect at each joint; None where none is known."""
-    limits = [limit for joint in diagnosis.joints for limit in joint.limits]
-    marks, rows, order = dict[str, str](), list[Row](), list(catalogue())
-    columns = sorted({limit.joint or 0 for limit in limits}, key=lambda joint: (joint == 0, joint))
-    effects = {limit.effect for limit in limits}
-    for effect in sorted(effects, key=lambda name: (order.index(name) if name in order else len(order), name)):
-        group = sorted((limit for limit in limits if limit.effect == effect), key=lambda limit: limit.size is not None)
-        sized = dict.fromkeys((limit.parameter, limit.unit) for limit in group if limit.size is not None)
-        for key in sized or [(group[0].parameter, group[0].unit)]:
-            scale, unit = in_unit(bare(key[1]), units)
-            at = {item.joint or 0: item for item in group if item.size is None or (item.parameter, item.unit) == key}
-            cells = {
-                joint: Cell("-", mark=marked(marks, limit.reason), tone="unknown")
-                if limit.size is None
-                else number(scale * limit.size, 2)
-                for joint, limit in at.items()
-            }
-            rows.append(
-                [effect, f"{key[0]} ({unit})" if unit else key[0], *(cells.get(joint, "") for joint in columns)]
-            )
-        fastest = {
-            item.joint: sentences.waves(item.up_to, robot.joint(item.joint).position_unit)
-            for item in group
-            if item.joint and item.up_to is not None
-        }
-        for of in dict.fromkeys(unit for _, unit in fastest.values()):
-            ends = {joint: count for joint, (count, unit) in fastest.items() if unit == of}
-            rows.append([effect, f"up to ({of})", *(ends.get(joint, "") for joint in columns)])
-    names = [joint_label(robot, joint) for joint in columns]
-    caption = "Smallest size that is detected with a probability of 80 %."
+    loud = {joint: budget for joint, budget in joints.items() if not is_noise_only(budget)}
+    for joint, budget in loud.items():
+        parts = [part for part in budget.parts if part.mean_square > 0.0]
+        parts.sort(key=lambda part: (not part.is_more, -part.mean_square))
+        for part in parts:
+            share, head = part_share(budget, part), joint_label(robot, joint) if part is parts[0] else ""
+            bar = (SIGNIFICANT if part.is_more else NOISE) * max(round(BUDGET_BAR * share), 1)
+            words = [part_text(budget, part), listed(part.points_to if part.is_more else [], "or")]
+            rows.append([head, f"{100.0 * share:.1f} %", bar, *words])
+    noise = "the residual is noise, as far as these runs can show"
+    texts = [(joint, noise) for joint in joints if joint not in loud]
+    texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]
+    notes = [("-", text) for text in by_joint(texts, robot, count=len(joints))]
+    header = ("joint", "share", "", "part", "effects with this pattern")
     return (
-        Table("Detection limits", ("effect", "size of", *names), rows, notes_of(marks), caption, (0, 1))
-        if rows
-        else None
-    )
-
-
-def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> Table | None:
-    """The runs that would decide between a finding and its rivals; None where no run would."""
-    run = finding.next_run
-    if run is None or not run.motions:
-        return None
-    rows = []
-    for count, motion in enumerate(run.motions, start=1):
-        scale, unit = in_unit(robot.joint(motion.joint).position_unit, units)
-        start, end, speed = (f"{number(scale * x, 3)} {unit}" for x in (motion.start, motion.end, motion.velocity))
-        posture = posture_text(robot, motion.hold, units, moving=motion.joint)
-        rows.append([str(count), joint_label(robot, motion.joint), start, end, f"{speed}/s", posture])
-    caption = ""
-    if run.separation is not None:
-        repeated = f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %" if run.repeats else ""
-        caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations{repeated}."
-    return Table(
-        f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}",
-        ("run", "joint", "from", "to", "speed", "other joints at"),
-        rows,
-        caption=caption,
-        words=(0, 1, 5),
+        Table("Residual budget", header, rows, notes, BUDGET_CAPTION if rows else "", (0, 2, 3, 4)) if joints else None
     )
 
 
@@ -399,78 +310,4 @@ def history_joint_table(ladder: Ladder) -> Table:
         ["joint", "runs", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"],
         rows,
         words=(0, 1),
-    )
-
-
-# Sentences and tables
-
-
-def diagnosis_blocks(
-    diagnosis: Diagnosis, robot: Robot, *, units: str = "rad"
-) -> list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]]:
-    """What a diagnosis says: the headline, each finding, joint without explanation and effect added before, the rest.
-
-    Angles are in `units` (``rad`` or ``deg``).
-    """
-    blocks: list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]] = []
-    for count, finding in enumerate((*diagnosis.findings, *diagnosis.applied), start=1):
-        rank = f"{count}. " if count <= len(diagnosis.findings) else ""
-        title = rank + sentences.finding_title(finding, diagnosis, robot)
-        texts = sentences.finding_sentences(finding, diagnosis, robot, units=units)
-        parts: list[Paragraph | Table] = [
-            Paragraph(title, style="bold"),
-            *(Paragraph(text, 3) for text in [*texts, sentences.decision_sentence(finding)] if text),
-        ]
-        if finding.command and rank:
-            parts += [Paragraph("Add it with:", 3), Paragraph(finding.command, 5, is_command=True)]
-        blocks.append((finding, parts))
-    for joint in diagnosis.joints:
-        if joint.verdict == UNEXPLAINED_JOINT:
-            name = sentences.joint_title(robot, joint.joint)
-            title = f"{name}: something is missing that no effect of the catalogue explains"
-            texts = sentences.unexplained_sentences(joint, units)
-            blocks.append((joint, [Paragraph(title, style="bold"), *(Paragraph(text, 3) for text in texts)]))
-    blocks.append((None, [Paragraph(text) for text in sentences.other_sentences(diagnosis, robot)]))
-    limits = [Paragraph(f"- {text}", 2) for text in sentences.weaknesses(diagnosis, robot)]
-    blocks.append((None, [Paragraph("Limits of this diagnosis:"), *limits] if limits else []))
-    made = (
-        candidate_table(diagnosis, robot),
-        *(deciding_runs_table(finding, robot, units) for finding in diagnosis.findings),
-        limit_table(diagnosis, robot, units=units),
-    )
-    blocks += [(None, [table]) for table in made if table is not None]
-    return [
-        (None, [Paragraph(sentences.headline(diagnosis, robot), style="bold")]),
-        *(block for block in blocks if block[1]),
-    ]
-
-
-def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[Paragraph | Table]:
-    """The same for the terminal, with an empty line between."""
-    return [part for _, parts in diagnosis_blocks(diagnosis, robot, units=units) for part in (*parts, EMPTY)][:-1]
-
-
-def budget_table(comparison: Comparison, robot: Robot) -> Table | None:
-    """Parts of each joint's residual, significant ones first; below, what is noise and what the runs cannot separate.
-
-    None where no joint has runs.
-    """
-    joints = {score.joint: score.budget for score in comparison.joints if score.budget is not None}
-    rows: list[Row] = []
-    loud = {joint: budget for joint, budget in joints.items() if not is_noise_only(budget)}
-    for joint, budget in loud.items():
-        parts = [part for part in budget.parts if part.mean_square > 0.0]
-        parts.sort(key=lambda part: (not part.is_more, -part.mean_square))
-        for part in parts:
-            share, head = part_share(budget, part), joint_label(robot, joint) if part is parts[0] else ""
-            bar = (SIGNIFICANT if part.is_more else NOISE) * max(round(BUDGET_BAR * share), 1)
-            words = [sentences.part_text(budget, part), listed(part.points_to if part.is_more else [], "or")]
-            rows.append([head, f"{100.0 * share:.1f} %", bar, *words])
-    noise = "the residual is noise, as far as these runs can show"
-    texts = [(joint, noise) for joint in joints if joint not in loud]
-    texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]
-    notes = [("-", text) for text in sentences.by_joint(texts, robot, count=len(joints))]
-    header = ("joint", "share", "", "part", "effects with this pattern")
-    return (
-        Table("Residual budget", header, rows, notes, BUDGET_CAPTION if rows else "", (0, 2, 3, 4)) if joints else None
     )

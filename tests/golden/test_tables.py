@@ -8,8 +8,8 @@ import pytest
 import report_contexts
 from rich.console import Console
 
+from pumaid.reporting.diagnosis import diagnosis_parts
 from pumaid.reporting.documents import parameters_as
-from pumaid.reporting.tables import diagnosis_parts
 
 GOLD = Path(__file__).with_name("gold")
 

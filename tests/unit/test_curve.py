@@ -24,8 +24,8 @@ from pumaid.estimation.fit import Projector
 from pumaid.estimation.gls import fit_bins
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
+from pumaid.reporting.diagnosis import finding_sentences, headline
 from pumaid.reporting.page import parameters
-from pumaid.reporting.text import finding_sentences, headline
 from pumaid.results.documents import read_model, write_model
 from pumaid.robot import EffectChoice, read_choice
 

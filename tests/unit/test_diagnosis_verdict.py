@@ -23,7 +23,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins, joint_bins
-from pumaid.reporting.text import size_sentence
+from pumaid.reporting.diagnosis import size_sentence
 from pumaid.simulation import Hidden
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)

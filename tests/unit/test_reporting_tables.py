@@ -19,6 +19,7 @@ from pumaid.errors import Note, visible
 from pumaid.estimate import Combination
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting import run_tables, tables
+from pumaid.reporting.diagnosis import limit_table
 from pumaid.reporting.figures.experiment import posture_figure
 from pumaid.reporting.run_tables import axes_table, plan_tables, session_table
 from pumaid.reporting.table import Cell, Table
@@ -163,7 +164,7 @@ def test_detection_limits_have_a_row_an_effect_and_unit():
     first = (*first, Limit("ripple", 1, "cos", 0.02, "A", up_to=74.4))
     second = (*second, Limit("ripple", 2, "cos", 0.03, "A", up_to=628.3))
     both = replace(diagnoses.clean(), joints=(replace(joints[0], limits=first), replace(joints[1], limits=second)))
-    assert [[cell.text for cell in cells] for cells in tables.limit_table(both, worlds.CRANE).cells] == [
+    assert [[cell.text for cell in cells] for cells in limit_table(both, worlds.CRANE).cells] == [
         ["ripple", "cos (A)", "0.020", "0.030", ""],
         ["ripple", "up to (waves a turn)", "74", "", ""],
         ["ripple", "up to (waves a m)", "", "100", ""],

@@ -21,6 +21,15 @@ from pumaid.errors import Note, Where
 from pumaid.estimate import Combination
 from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import text
+from pumaid.reporting.diagnosis import (
+    finding_sentences,
+    finding_title,
+    form_sentence,
+    other_sentences,
+    size_sentence,
+    step_sentence,
+    weaknesses,
+)
 from pumaid.reporting.table import Paragraph
 from pumaid.reporting.tables import BUDGET_BAR, NOISE, SIGNIFICANT, budget_table
 from pumaid.reporting.text import in_unit, percent, posture_text, relative_names, with_error
@@ -216,11 +225,11 @@ def test_effects_are_written_as_they_are_typed(effects, words):
 def test_effects_outside_the_catalogue_have_their_name():
     """An effect from a file has no title and no units of its shape; a suspected column is called that."""
     foreign = replace(diagnoses.stribeck(), effect="my_brake")
-    words = " ".join(text.finding_sentences(foreign, diagnoses.rich(), PUMA))
+    words = " ".join(finding_sentences(foreign, diagnoses.rich(), PUMA))
     assert "Stribeck" not in words and "velocity 0.12 and" in words
     volts = replace(diagnoses.stribeck(), effect="suspect:supply", shape={"times": 1.0}, rivals=(), next_run=None)
-    assert text.finding_title(volts, diagnoses.rich(), PUMA) == "Joint 3 (elbow): an effect of column supply is missing"
-    assert "A, times the direction." in text.size_sentence(volts, PUMA)
+    assert finding_title(volts, diagnoses.rich(), PUMA) == "Joint 3 (elbow): an effect of column supply is missing"
+    assert "A, times the direction." in size_sentence(volts, PUMA)
 
 
 def test_joints_without_a_finding_are_not_passed_over():
@@ -229,7 +238,7 @@ def test_joints_without_a_finding_are_not_passed_over():
     for rmse, floor, words in ((0.05, 0.023, "something is missing. RMSE"), (0.015, 0.0151, "RMSE at the noise floor")):
         second = replace(diagnosis.joints[1], verdict="missing", rmse=rmse, noise_floor=floor)
         spread = replace(diagnosis, joints=(diagnosis.joints[0], second, *diagnosis.joints[2:]))
-        sentences = text.other_sentences(spread, PUMA)
+        sentences = other_sentences(spread, PUMA)
         assert [words in sentence for sentence in sentences if sentence.startswith("Joint 2 (shoulder): ")] == [True]
 
 
@@ -238,7 +247,7 @@ def test_suspected_columns_are_answered():
     diagnosis = diagnoses.rich()
     limits = (Limit("suspect:oil", 1, "a", 0.02, "A"), Limit("suspect:volt", 1, "a", None, "A", "constant"))
     asked = replace(diagnosis, joints=(replace(diagnosis.joints[0], limits=limits), *diagnosis.joints[1:]))
-    oil, volt = text.other_sentences(asked, PUMA)[-2:]
+    oil, volt = other_sentences(asked, PUMA)[-2:]
     assert oil.startswith("Column oil: no joint's current depends on it")
     assert volt.startswith("Column volt: not testable")
 
@@ -249,9 +258,9 @@ def test_suspected_columns_are_answered():
 def test_free_forms_are_described(form, kind):
     """A free form is a friction, a viscous friction or a current that depends on a variable, with its peak."""
     shape = replace(diagnoses.patch(), form=form)
-    words = text.form_sentence(shape, "deg")
+    words = form_sentence(shape, "deg")
     assert f"{kind} depends on position ({form}), largest at 28.6 deg" in words and "83 %" in words
-    unclear = text.form_sentence(replace(shape, is_clear=False, variable="load"))
+    unclear = form_sentence(replace(shape, is_clear=False, variable="load"))
     assert "the closest is" in unclear and "gravity load" in unclear
 
 
@@ -259,13 +268,13 @@ def test_limits_of_a_diagnosis_are_said_once():
     """What limits all joints alike is one sentence without joints; of some it names them."""
     diagnosis = diagnoses.rich()
     alike = replace(diagnosis, joints=tuple(replace(joint, weakened=("no replicates",)) for joint in diagnosis.joints))
-    assert text.weaknesses(alike, PUMA) == ["All joints: no replicates."]
-    assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in text.weaknesses(diagnosis, PUMA)
+    assert weaknesses(alike, PUMA) == ["All joints: no replicates."]
+    assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in weaknesses(diagnosis, PUMA)
     limits = [(replace(Limit("ripple", 1, "cos", 0.01, "A"), up_to=fastest),) for fastest in (74.4, 900.0, 88.0)]
     joints = [replace(joint, limits=limit) for joint, limit in zip(diagnosis.joints, limits, strict=False)]
     slow = replace(diagnosis, joints=tuple(replace(joint, weakened=()) for joint in joints))
     shown = "ripples of up to 74 waves a turn can be seen; slower motion shows faster ones."
-    assert text.weaknesses(slow, PUMA) == [f"Joints 1 (waist) and 3 (elbow): {shown}"]  # as much at each
+    assert weaknesses(slow, PUMA) == [f"Joints 1 (waist) and 3 (elbow): {shown}"]  # as much at each
     fourth = diagnosis.joints[3]  # no run is repeated
     assert "noise floor unknown" in text.floor_words(fourth)
 
@@ -287,10 +296,10 @@ def test_an_added_effect_is_reported_at_the_joint_that_it_changed():
     old = replace(first, rmse=0.08, heldout=0.09, noise_floor=0.021)
     new = replace(first, rmse=0.02, heldout=0.025, noise_floor=0.021)
     before, after = (replace(paper.estimate, joints=(*paper.estimate.joints[:3], fit)) for fit in (old, new))
-    words = text.step_sentence(diagnoses.tilt(), before, after, robot=PUMA, number=2)
+    words = step_sentence(diagnoses.tilt(), before, after, robot=PUMA, number=2)
     assert words == (
         "2. Added tilt of the whole arm. Joint 4: RMSE 0.0800 A -> 0.0200 A, hold-out 0.0900 A -> 0.0250 A,"
         " noise floor 0.0210 A."
     )
     drifted = replace(after, joints=(*after.joints[:3], replace(new, noise_floor=0.1)))
-    assert "floor" not in text.step_sentence(diagnoses.tilt(), before, drifted, robot=PUMA, number=2)
+    assert "floor" not in step_sentence(diagnoses.tilt(), before, drifted, robot=PUMA, number=2)

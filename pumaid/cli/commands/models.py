@@ -246,7 +246,8 @@ def diagnose(
     """
     from pumaid.cli.additions import diagnosed
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
-    from pumaid.reporting.tables import diagnosis_parts, history_table
+    from pumaid.reporting.diagnosis import diagnosis_parts
+    from pumaid.reporting.tables import history_table
     from pumaid.results.history import ladder_of
 
     is_quiet, is_written = as_json or str(output) == "-", str(output) != "-"

@@ -21,6 +21,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import TOGETHER, UNEXPLAINED, Comparison, JointScore, RunScore
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.maths import Floats
+from pumaid.reporting.diagnosis import VARIABLES, form_sentence, label, place
 from pumaid.reporting.figures.style import (
     AREAS,
     BACKWARD,
@@ -44,15 +45,11 @@ from pumaid.reporting.figures.style import (
     zero_line,
 )
 from pumaid.reporting.text import (
-    VARIABLES,
     amperes,
     changes,
-    form_sentence,
     in_unit,
     joint_title,
-    label,
     listed,
-    place,
     posture_text,
     shortened,
 )

@@ -13,6 +13,7 @@ from pumaid import __version__
 from pumaid.diagnosis.records import Finding, JointDiagnosis
 from pumaid.effects import catalogue
 from pumaid.reporting import tables, text
+from pumaid.reporting.diagnosis import diagnosis_blocks, headline
 from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, scores_frame
 from pumaid.reporting.figures import model
 from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure, skeleton_figure
@@ -72,7 +73,7 @@ def summary(context: ReportContext) -> Content:
     scores, path = context.comparison.joints, context.ladder.path if context.ladder else ()
     return {
         "sentences": [
-            *([text.headline(context.diagnosis, context.robot)] if context.diagnosis else []),
+            *([headline(context.diagnosis, context.robot)] if context.diagnosis else []),
             *([progress(path)] if len(path) > 1 else []),
             *text.summary_sentences(context.dataset, context.estimate),
         ],
@@ -160,7 +161,7 @@ def missing(context: ReportContext) -> Content | None:
             for pair in ([(item, curve) for curve in item.curves] if item else [])
         ]
 
-    blocks = tables.diagnosis_blocks(context.diagnosis, context.robot, units=context.units)
+    blocks = diagnosis_blocks(context.diagnosis, context.robot, units=context.units)
     return {
         "stale": context.stale,
         "blocks": [{"parts": parts, "figures": figures(number, item)} for number, (item, parts) in enumerate(blocks)],
