@@ -98,9 +98,7 @@ def export(
     check_same_recipe(estimate, robot)
     check_parameters(estimate, robot)
     chosen, formulas = every_form()[form], Formulas.of(estimate, robot)
-    constants = [value for value in estimate.values if value.name.startswith("torque_constant.")]
-    identified = {value.joint or 0: value.value for value in constants if value.value is not None}
-    chain = bodies(formulas, torque_constants or identified) if chosen.has_bodies else None
+    chain = bodies(formulas, torque_constants) if chosen.has_bodies else None
     subject = Subject(formulas, identifier(name or robot.name), chain)
     files, left_out = chosen.write(subject)
     return Exported(

@@ -13,7 +13,7 @@ from scipy.stats import f as fisher
 from pumaid.errors import ModelError, Where
 from pumaid.exports.formulas import Formulas, base_places
 from pumaid.exports.possible_bodies import possible
-from pumaid.maths import Floats
+from pumaid.maths import Flags, Floats
 from pumaid.model import minimal
 from pumaid.rigid_body import PARAMETERS, asked, regrouping, whole
 from pumaid.robot import Robot, turn_of_z
@@ -75,7 +75,7 @@ class Bodies:
         return self.parameters[:, 10]
 
 
-def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
+def bodies(formulas: Formulas, given: Mapping[int, float] | None) -> Bodies:
     """Bodies with the model's loads, by the torque constants of some joints (from 1), N m/A or N/A, none zero.
 
     A link's first moment, lengths taken out again, fixes mass times centre of mass; the mass is chosen so that the
@@ -89,7 +89,8 @@ def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
     S.-K. Lin, eq. (13)-(15), solved for m_i c_i.
     """
     robot = formulas.robot
-    torques, remarks = _constants(formulas, given)
+    torques, ratios, remarks = known_constants(formulas, given)
+    remarks += _assume(torques, ratios, formulas)
     wanted = formulas.moments * torques[:, None]
     carried, hidden = _carried(formulas, torques)
     masses, centres = _links(robot, wanted, carried=carried)
@@ -99,27 +100,23 @@ def bodies(formulas: Formulas, given: Mapping[int, float]) -> Bodies:
         parameters, message, weighs = _with_inertia(formulas, torques, balls, carried=carried)
         remarks.append(message)
         hidden = hidden if weighs else [UNTOLD.format(joint) for joint in minimal(robot).embodied]
-    plus, minus = formulas.coulomb[:, 0] * torques, formulas.coulomb[:, 1] * torques
-    rise, g = formulas.viscous.mean(axis=1) * torques, np.array(robot.gravity, dtype=float)
+    friction, damping, cut = friction_torques(formulas, torques)
+    g = np.array(robot.gravity, dtype=float)
     remarks += hidden
     for i in range(len(torques) - 1):
-        ratio, stated = formulas.ratios[i, i + 1], torques[i + 1] / torques[i]
+        ratio, stated = ratios[i, i + 1], torques[i + 1] / torques[i]
         if ratio != 0.0 and abs(stated - ratio) > ROUNDING * abs(ratio):
             way = " (of the other sign)" if stated * ratio < 0.0 else ""
             remarks.append(
                 f"torque constants of joints {i + 1} and {i + 2} make eta{i + 1}/eta{i + 2} = {stated:.4g}{way}, the"
                 f" logs say {ratio:.4g}"
             )
-    remarks += _off(formulas, torques, parameters)
-    remarks += [
-        f"friction of joint {joint} pushes along the motion with this torque constant: it is cut at 0"
-        for joint in np.flatnonzero((plus < minus) | (rise < 0.0)) + 1
-    ]
+    remarks += [*_off(formulas, torques, parameters), *cut]
     return Bodies(
         parameters=parameters,
         torques=torques,
-        friction=np.maximum(0.5 * (plus - minus), 0.0),
-        damping=np.maximum(rise, 0.0),
+        friction=friction,
+        damping=damping,
         mount=turn_of_z(-g).T if g.any() else np.eye(3),
         remarks=tuple(remarks),
     )
@@ -320,40 +317,84 @@ def read_constants(text: str, joints: int) -> dict[int, float]:
     return constants
 
 
-def _constants(formulas: Formulas, given: Mapping[int, float]) -> tuple[Floats, list[str]]:
-    """(J,) torque constants of all joints, given those of some (from 1), and what is to be said of them.
+def known_constants(formulas: Formulas, given: Mapping[int, float] | None = None) -> tuple[Floats, Floats, list[str]]:
+    """(J,) torque constants, NaN where none is known; (J, J) ratios of gains that tie them, 0 where none; and remarks.
 
-    A joint that is not in `given` gets its constant from the nearest that has one, by the identified ratio of gains.
-    Where nothing is given, the largest of the joints that are tied by ratios is 1, with the sign by which friction
-    opposes motion.
+    Known are those `given` by joint (from 1), else those that known loads showed, else, of logs in N m, 1; and those
+    that identified ratios of gains tie to one of them.
     """
-    n, remarks, ratios = formulas.robot.n_joints, list[str](), formulas.ratios.copy()
-    for value in formulas.estimate.values:
-        if value.name.startswith("gain_ratio.") and value.ci95 and value.ci95[0] <= 0.0 <= value.ci95[1]:
-            inner, outer = map(int, value.name.split(".")[1:])
-            ratios[:inner, outer - 1 :] = 0.0
-            remarks.append(f"joints {inner} and {outer}: not even the sign of their ratio of gains is told")
-    out = np.array([given.get(joint, np.nan) for joint in range(1, n + 1)])
-    _spread(out, ratios)
-    if len(given) < np.isfinite(out).sum():
-        remarks.append("torque constants that were not given follow from the identified ratios of gains")
-    for joint in range(n):
-        if np.isfinite(out[joint]):
+    estimate, n, remarks, ratios = formulas.estimate, formulas.robot.n_joints, list[str](), formulas.ratios.copy()
+    shown = [value for value in estimate.values if value.name.startswith("torque_constant.")]
+    constants = given or {value.joint or 0: value.value for value in shown if value.value is not None}
+    if not constants and formulas.robot.log.units.get("current") == "Nm":
+        constants = dict.fromkeys(range(1, n + 1), 1.0)
+    pairs = [value for value in estimate.values if value.name.startswith("gain_ratio.")]
+    for value in sorted(pairs, key=lambda value: value.value is not None):
+        inner, outer = map(int, value.name.split(".")[1:])
+        has_no_sign = value.ci95 is not None and value.ci95[0] <= 0.0 <= value.ci95[1]
+        if value.value is not None and not has_no_sign:
+            ratios[inner - 1, outer - 1] = value.value
             continue
-        group = np.full(n, np.nan)
-        group[joint] = 1.0
+        ratios[:inner, outer - 1 :] = 0.0
+        if has_no_sign:
+            remarks.append(f"joints {inner} and {outer}: not even the sign of their ratio of gains is told")
+    out = np.array([constants.get(joint) or np.nan for joint in range(1, n + 1)])
+    _spread(out, ratios)
+    if len(constants) < np.isfinite(out).sum():
+        remarks.append("torque constants that were not given follow from the identified ratios of gains")
+    return out, ratios, remarks
+
+
+def untied(constants: Floats, ratios: Floats) -> Iterator[Floats]:
+    """(J,) of each group of joints without torque constants that ratios tie: their constants when one of them is 1.
+
+    Others are NaN.
+    """
+    rest = np.isnan(constants)
+    while rest.any():
+        group = np.full(len(constants), np.nan)
+        group[np.argmax(rest)] = 1.0
         _spread(group, ratios)
-        tied = np.isfinite(group) & np.isnan(out)
-        opposing = np.nansum(np.where(tied, np.sign(group), 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
-        out[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
-        numbers = [str(place + 1) for place in np.flatnonzero(tied)]
-        which = f"joint{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
-        rest = ", the others follow from the identified ratios of gains" if len(numbers) > 1 else ""
-        remarks.append(
-            f"no torque constant of {which} was given: the largest there is taken as 1 N m/A (N/A){rest}; torques and"
-            " masses there are right but for one factor (--torque-constants JOINT=K)"
+        yield np.where(rest, group, np.nan)
+        rest &= np.isnan(group)
+
+
+def joints_text(chosen: Flags) -> str:
+    """``joint 3`` or ``joints 3, 4``, of (J,) flags."""
+    numbers = [str(place + 1) for place in np.flatnonzero(chosen)]
+    return f"joint{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
+
+
+def _assume(constants: Floats, ratios: Floats, formulas: Formulas) -> Iterator[str]:
+    """Fill in constants that are not known, in place, and say so.
+
+    The largest of each group is 1, with the sign by which friction opposes motion.
+    """
+    for group in list(untied(constants, ratios)):
+        tied = np.isfinite(group)
+        opposing = np.nansum(np.sign(group) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
+        constants[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
+        rest = ", the others follow from the identified ratios of gains" if tied.sum() > 1 else ""
+        yield (
+            f"no torque constant of {joints_text(tied)} was given: the largest there is taken as 1 N m/A (N/A){rest};"
+            " torques and masses there are right but for one factor (--torque-constants JOINT=K)"
         )
-    return out, remarks
+
+
+def friction_torques(formulas: Formulas, torques: Floats) -> tuple[Floats, Floats, list[str]]:
+    """(J,) Coulomb friction, N m or N, and (J,) damping, N m s/rad or N s/m, means of both directions; and remarks.
+
+    Neither is negative: what would push along the motion is 0, and told.
+    """
+    dry = 0.5 * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]) * torques
+    rise, remarks = formulas.viscous.mean(axis=1) * torques, list[str]()
+    for sizes, what in ((dry, "Coulomb friction"), (rise, "damping")):
+        remarks += [
+            f"{what} of joint {place + 1} comes out as {sizes[place]:.3g} with this torque constant, along motion: 0"
+            " is written"
+            for place in np.flatnonzero(sizes < 0.0)
+        ]
+    return np.maximum(dry, 0.0), np.maximum(rise, 0.0), remarks
 
 
 def _spread(constants: Floats, ratios: Floats) -> None:

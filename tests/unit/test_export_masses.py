@@ -139,17 +139,39 @@ def test_a_sign_against_the_logs_is_told():
     backwards = np.flatnonzero(gains(robot) < 0.0) + 1
     found = export(estimate, robot, form="urdf", torque_constants={n: abs(k) for n, k in given(robot).items()})
     assert backwards.size and [text for text in found.remarks if "of the other sign" in text]
-    assert [text for text in found.remarks if f"friction of joint {backwards[0]} pushes along" in text]
+    assert [text for text in found.remarks if f"friction of joint {backwards[0]} comes out as -" in text]
 
 
-def test_a_ratio_without_a_sign_gives_no_torque_constant():
-    """Where zero is within its interval, the joints on either side have constants of their own."""
+@pytest.mark.parametrize("value", [-0.04, None])
+def test_a_ratio_that_is_not_told_gives_no_torque_constant(value):
+    """Where zero is within its interval, or it is not identifiable, either side has constants of its own."""
     robot = robot_called("ur5e")
     estimate = fitted(robot)
-    doubtful = Value("gain_ratio.4.5", "", 4, "", -0.04, 0.09, (-0.22, 0.14))
-    text = export(replace(estimate, values=(*estimate.values, doubtful)), robot, form="mjcf").files[".xml"]
-    gears = np.abs([float(motor.get("gear")) for motor in ElementTree.fromstring(text).iter("motor")])
-    assert gears[:4].max() == gears[4:].max() == 1.0 and "not even the sign" in text
+    open_ratio = Value("gain_ratio.4.5", "", 4, "", value, *(() if value is None else (0.09, (-0.22, 0.14))))
+    found = export(replace(estimate, values=(*estimate.values, open_ratio)), robot, form="mjcf")
+    gears = np.abs([float(motor.get("gear")) for motor in ElementTree.fromstring(found.files[".xml"]).iter("motor")])
+    assert gears[:4].max() == gears[4:].max() == 1.0
+    assert value is None or [text for text in found.remarks if "not even the sign" in text]
+
+
+def test_an_identified_ratio_past_one_that_is_not_ties_what_is_beyond():
+    """Joint 4 tells nothing of joint 5, but joint 3 does: constants of 5 and 6 follow from joint 3's."""
+    robot = robot_called("ur5e")
+    estimate, true = fitted(robot), gains(robot)
+    ratio = true[4] / true[2]
+    values = (Value("gain_ratio.4.5", "", 4, "", None), Value("gain_ratio.3.5", "", 3, "", ratio, 0.01 * ratio))
+    found = export(replace(estimate, values=(*estimate.values, *values)), robot, form="mjcf", torque_constants={3: 7.0})
+    gears = [float(motor.get("gear")) for motor in ElementTree.fromstring(found.files[".xml"]).iter("motor")]
+    assert np.allclose(gears, 7.0 * true / true[2])
+
+
+def test_torques_in_the_logs_need_no_constant():
+    """Logs in N m: every constant is 1."""
+    robot = robot_called("ur5e")
+    robot = replace(robot, log=replace(robot.log, units={"current": "Nm"}))
+    found = export(fitted(robot), robot, form="mjcf")
+    gears = [float(motor.get("gear")) for motor in ElementTree.fromstring(found.files[".xml"]).iter("motor")]
+    assert gears == [1.0] * 6 and not [text for text in found.remarks if "was given" in text]
 
 
 def test_a_slide_with_a_negative_mass_is_refused():
