@@ -307,7 +307,7 @@ class Model:
             pull[samples.joint - 1] = samples.acceleration
             weightless = replace(self.robot, gravity=(0.0, 0.0, 0.0))
             body = replace(base_parameters(self.robot), robot=weightless, constants=None)
-            rows = body.rows(samples.position.T, np.zeros_like(pull), pull)[samples.joint - 1]
+            rows = body.row(samples.joint, (samples.position.T, np.zeros_like(pull), pull))
             out[:, self.inertial[-len(rows) :]] += rows.T
         return out
 

@@ -1,6 +1,6 @@
 """Rigid-body dynamics of a serial chain as a regressor: what each inertial parameter asks of each joint."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -47,16 +47,25 @@ class RigidBody:
         Source: the recursive Newton-Euler equations, linear in the parameters: W. Khalil and E. Dombre, Modeling,
         Identification and Control of Robots, ch. 9.
         """
-        parts: list[list[Floats]] = [[] for _ in self.counted]
-        for link, state in enumerate(_links(self.robot, position, velocity, acceleration)):
-            for column in _columns(state, self.counted[link], acceleration[link]):
-                for joint in range(link + 1):
-                    parts[joint].append(column[joint])
-        rows = [np.array(columns).reshape(len(columns), position.shape[1]) for columns in parts]
+        return self._rows((position, velocity, acceleration), range(len(self.counted)))
+
+    def row(self, joint: int, motion: tuple[Floats, Floats, Floats]) -> Floats:
+        """(columns that it feels, N): the regressor of one joint (from 1); `motion` as in `rows`."""
+        return self._rows(motion, [joint - 1])[0]
+
+    def _rows(self, motion: tuple[Floats, Floats, Floats], joints: Sequence[int]) -> list[Floats]:
+        """The regressors of some joints (from 0, base to tip)."""
+        parts: dict[int, list[Floats]] = {joint: [] for joint in joints}
+        for link, state in enumerate(_links(self.robot, motion, joints)):
+            moving = [joint for joint in joints if joint <= link]
+            for column in _columns(state, self.counted[link], [motion[2][link] * (k == link) for k in moving]):
+                for joint, asked in zip(moving, column, strict=True):
+                    parts[joint].append(asked)
+        rows = [np.array(columns).reshape(len(columns), motion[0].shape[1]) for columns in parts.values()]
         if self.mixed is not None:
             rows = [self.mixed[-len(part) :, -len(part) :].T @ part for part in rows]
         if self.constants is not None:
-            rows = [part - asked[-len(part) :, None] for part, asked in zip(rows, self.constants, strict=True)]
+            rows = [part - self.constants[k][-len(part) :, None] for k, part in zip(joints, rows, strict=True)]
         return rows
 
 
@@ -72,12 +81,13 @@ def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Flo
 
 
 #: One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N); and how
-#: the link turns, and its origin moves, by each joint up to its own, (3, j, N).
+#: the link turns, and its origin moves, by each wanted joint up to its own, (3, j, N).
 _LinkState = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
-def _links(robot: Robot, position: Floats, velocity: Floats, acceleration: Floats) -> Iterator[_LinkState]:
-    """Every link's state, base to tip."""
+def _links(robot: Robot, motion: tuple[Floats, Floats, Floats], joints: Sequence[int]) -> Iterator[_LinkState]:
+    """Every link's state, base to tip, and how these joints (from 0) move it."""
+    position, velocity, acceleration = motion
     n = position.shape[1]
     spin, spin_rate = np.zeros((3, n)), np.zeros((3, n))
     pull = np.repeat(-np.asarray(robot.gravity, dtype=float)[:, None], n, axis=1)
@@ -94,7 +104,7 @@ def _links(robot: Robot, position: Floats, velocity: Floats, acceleration: Float
         turn, shift = ((back @ part.reshape(3, -1)).reshape(part.shape) for part in (turn, shift))
         if turns:
             cosine, sine = np.cos(position[j]), np.sin(position[j])
-            for vectors in (spin, spin_rate, pull, turn[:, :j], shift[:, :j]):  # into axes turned about z
+            for vectors in (spin, spin_rate, pull, turn, shift):  # into axes turned about z
                 along_x = cosine * vectors[0] + sine * vectors[1]
                 vectors[1] = cosine * vectors[1] - sine * vectors[0]
                 vectors[0] = along_x
@@ -106,13 +116,16 @@ def _links(robot: Robot, position: Floats, velocity: Floats, acceleration: Float
             pull[0] += 2.0 * spin[1] * velocity[j]
             pull[1] -= 2.0 * spin[0] * velocity[j]
             pull[2] += acceleration[j]
-        turn = np.concatenate([turn, along if turns else still], axis=1)
-        shift = np.concatenate([shift, still if turns else along], axis=1)
+        if j in joints:
+            turn = np.concatenate([turn, along if turns else still], axis=1)
+            shift = np.concatenate([shift, still if turns else along], axis=1)
         yield spin, spin_rate, pull, turn, shift
 
 
-def _columns(state: _LinkState, counted: tuple[int, ...], acceleration: Floats) -> Iterator[Floats]:
-    """(j, N) of each counted parameter: power per unit speed of each joint that moves the link."""
+def _columns(
+    state: _LinkState, counted: tuple[int, ...], rotor: Sequence[Floats]
+) -> Iterator[Floats | Sequence[Floats]]:
+    """(j, N) of each counted parameter: power per unit speed of each joint that moves the link; `rotor` is its own."""
     (spin, rate, pull), (turn, shift) = (part[:, None, :] for part in state[:3]), state[3:]
     if any(1 <= number <= 3 for number in counted):
         moments = _cross(pull, turn)
@@ -135,7 +148,7 @@ def _columns(state: _LinkState, counted: tuple[int, ...], acceleration: Floats) 
                 column += twist[b] * spin[a]
             yield column
         else:
-            yield np.eye(turn.shape[1])[-1][:, None] * acceleration
+            yield rotor
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -79,5 +79,5 @@ def _drawn(fitted: Fit, robot: Robot, joint: int, motion: tuple[Floats, Floats, 
     """(N,) A that the fitted rigid body asks of a joint on an arm with other lengths."""
     model = fitted.model
     weights = (np.nan_to_num(model.factors(fitted.scales(), joint)) * fitted.values)[model.inertial]
-    rows = replace(base_parameters(model.robot), robot=robot).rows(*motion)[joint - 1]
+    rows = replace(base_parameters(model.robot), robot=robot).row(joint, motion)
     return np.asarray(weights[-len(rows) :] @ rows)

@@ -17,7 +17,7 @@ from pumaid.estimation.link_lengths import mean_motion
 from pumaid.io.forms import yaml_text
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats
-from pumaid.rigid_body import PARAMETERS, RigidBody
+from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
 from pumaid.robot import Robot
 from pumaid.units import number
 
@@ -59,8 +59,8 @@ SCALES, FINER = np.geomspace(0.2, 5.0, 15), 5
 RESCALED = 1.1
 #: Every so many bins are enough for a search of a direction or scale.
 THINNED = 4
-#: Number of a body's parameters that weight is told by.
-WEIGHT = 4
+#: Number of a body's parameters that weight is told by; gravity (m/s2) along no axis, under which all of them count.
+WEIGHT, OBLIQUE = 4, (3.0, 5.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +113,7 @@ class Setups:
     def __init__(self, fitted: Fit, missed: Sequence[int]) -> None:
         self.robot, self.missed = fitted.model.robot, missed
         n, self.moves = self.robot.n_joints, any(row.bins.accelerates.any() for row in fitted.joints)
+        self.body = _body(self.robot, self.moves)
         self.cells = tuple(_chosen(fitted, row.bins.joint) for row in fitted.joints)
         self.now = Setup("as it is", (1.0,) * n, tuple(range(n)), self.robot.gravity)
         self.before = self.left(self.now)
@@ -135,9 +136,9 @@ class Setups:
         """(N, p) what parameters of links ask of a joint under a setup."""
         place, order = setup.order.index(cells.joint - 1), list(setup.order)
         factors = np.array(setup.factors)[:, None]
-        motion = [(factors * part)[order] for part in cells.motion]
-        body = _body(replace(self.robot, gravity=setup.gravity), self.moves)
-        columns = body.rows(*motion)[place].T
+        q, v, a = ((factors * part)[order] for part in cells.motion)
+        body = replace(self.body, robot=replace(self.robot, gravity=setup.gravity))
+        columns = body.row(place + 1, (q, v, a)).T
         if setup.by_file:
             tip = columns[:, -len(body.counted[-1]) :][:, :WEIGHT]
             files = [tip * (cells.file == k)[:, None] for k in np.unique(cells.file)[1:]]
@@ -281,8 +282,12 @@ def _vector(parts: Floats) -> tuple[float, float, float]:
 
 
 def _body(robot: Robot, moves: bool) -> RigidBody:
-    """All parameters of all links, or those that weight is told by."""
-    return RigidBody(robot, (tuple(range(len(PARAMETERS) if moves else WEIGHT)),) * robot.n_joints)
+    """Parameters that ask all that links can, under gravity of any direction: those of weight alone at rest."""
+    base = base_parameters(replace(robot, gravity=OBLIQUE))
+    counted = [{*numbers} for numbers in base.counted]
+    counted[-1] |= {*range(WEIGHT)}  # by which another load tells
+    kinds = range(len(PARAMETERS) if moves else WEIGHT)
+    return RigidBody(robot, tuple(tuple(k for k in kinds if k in numbers) for numbers in counted))
 
 
 def _chosen(fitted: Fit, joint: int) -> _Chosen:
