@@ -21,8 +21,8 @@ from pumaid.errors import visible
 #: Width of text in a pipe or file, and of notes and sentences on a terminal (characters).
 WIDTH = 100
 
-#: Characters to which a column of words is narrowed before a table is split.
-NARROW = 18
+#: Characters to which a column of words is narrowed before a table is split; a word that is no longer stays whole.
+NARROW, LONG_WORD = 14, 24
 
 #: Tone of a cell -> its style on a terminal: plain, not distinguishable from zero, not identifiable, no such
 #: quantity, above what noise explains.
@@ -111,16 +111,20 @@ class Table:
         if not is_wider(self._drawn(stacked=False)):
             yield self._drawn(stacked=False)
             return
-        parts = [[0]]
-        for column in range(1, len(self.header)):
-            if len(parts[-1]) > 1 and is_wider(self.columns([*parts[-1], column])._drawn(stacked=True, widest=NARROW)):
-                parts.append([0])
-            parts[-1].append(column)
+        labels = [0, 1] if tuple(self.words[:2]) == (0, 1) else [0]
+        parts = [labels]
+        for column in range(len(labels), len(self.header)):
+            if len(parts[-1]) > len(labels) and is_wider(
+                self.columns([*parts[-1], column])._drawn(stacked=True, widest=NARROW)
+            ):
+                parts.append(labels)
+            parts[-1] = [*parts[-1], column]
         for number, chosen in enumerate(parts):
             if number:
                 yield Text("")
             part = self.columns(chosen)
-            rows = [row for row in part.cells if number == 0 or any(cell.text for cell in row[1:])]
+            shown = [k for k in range(1, len(chosen)) if k not in part.words] or range(len(chosen))
+            rows = [row for row in part.cells if any(row[k].text for k in shown)]
             yield replace(part, rows=rows)._drawn(stacked=True)
 
     def _drawn(self, *, stacked: bool, widest: int | None = None) -> RichTable:
@@ -128,12 +132,15 @@ class Table:
         drawn = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
         for column, head in enumerate(self.header):
             is_left = column in self.words
+            words = [head, *(word for row in self.cells for word in visible(row[column].text).split())]
+            longest = min(max(map(len, words)), LONG_WORD)
             drawn.add_column(
                 Text(head),
                 justify="left" if is_left else "right",
                 overflow="fold",
                 no_wrap=not (is_left and stacked),
-                max_width=widest if is_left else None,
+                min_width=longest if is_left else None,
+                max_width=max(longest, widest) if is_left and widest else None,
             )
         for row in self.cells:
             texts = [Text(visible(cell.lines(stacked=stacked)), style=TONES[cell.tone]) for cell in row]

@@ -65,15 +65,19 @@ class Section:
     content: Callable[[ReportContext], Content | None]
 
 
+#: Notes on what the model does not explain, which the first screen says where there is no diagnosis.
+MISFITS = ("model-misses", "logs-disagree")
+
 # Sections of every report
 
 
 def summary(context: ReportContext) -> Content:
     """The page's first screen."""
     scores, path = context.comparison.joints, context.ladder.path if context.ladder else ()
+    doubts = [f"{note.text[:1].upper()}{note.text[1:]}." for note in context.estimate.notes if note.slug in MISFITS]
     return {
         "sentences": [
-            *([headline(context.diagnosis, context.robot)] if context.diagnosis else []),
+            *([headline(context.diagnosis, context.robot)] if context.diagnosis else doubts),
             *([progress(path)] if len(path) > 1 else []),
             *text.summary_sentences(context.dataset, context.estimate),
         ],
