@@ -7,6 +7,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "rad": ("angle", 1.0),
     "deg": ("angle", math.pi / 180.0),
     "rev": ("angle", 2.0 * math.pi),
+    "mrad": ("angle", 1e-3),
     "tick": ("angle", 2.0 * math.pi / 4096.0),  # of the servos of most hobby arms
     "m": ("length", 1.0),
     "mm": ("length", 1e-3),
@@ -24,6 +25,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "A": ("current", 1.0),
     "mA": ("current", 1e-3),
     "Nm": ("current", 1.0),  # torques take the place of currents
+    "mNm": ("current", 1e-3),
+    "raw": ("current", 1.0),  # counts of a driver, whose size nobody knows
     "percent": ("current", 1e-2),  # of what the drive is rated for
     "permille": ("current", 1e-3),
     "degC": ("temperature", 1.0),

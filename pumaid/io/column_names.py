@@ -12,34 +12,47 @@ from pumaid.robot import QUANTITIES, Conversion, LogFormat, Robot
 from pumaid.units import UNITS
 
 #: Words by which a column's name tells what it holds, strongest first: in English and as ROS and servos say, then in
-#: German, French, Spanish, Chinese and Japanese. Compared with the name's words in lower case, and with their ends.
+#: German, French, Spanish, Italian, Chinese, Japanese and Korean. Compared with the name's words in lower case, and
+#: with their ends; KUKA's are of its system variables and of its sensor interface.
 _WORDS = {
     "velocity": "velocity vel velocities qd dq speed omega qdot dot geschwindigkeit drehzahl vitesse velocidad"
-    " 速度 转速 回転数",
-    "current": "current cur curr i iq amp amps currents strom courant corriente 电流 電流",
-    "torque": "effort load tau torque efforts loads torques drehmoment moment couple par 力矩 扭矩 转矩 トルク",
-    "temperature": "temperature temp temperatures temperatur température temperatura 温度",
+    " velocità 速度 转速 回転数 속도",
+    "current": "current cur curr i iq amp amps currents strom courant corriente corrente macur 电流 電流 전류",
+    "torque": "effort load tau torque efforts loads torques drehmoment moment couple par coppia 力矩 扭矩 转矩"
+    " トルク 토크",
+    "temperature": "temperature temp temperatures temperatur température temperatura 温度 온도",
     "position": "position pos q angle theta positions angles winkel stellung posición posicion ángulo angulo"
-    " 位置 角度 关节角",
-    "time": "t time timestamp seconds sec secs s ts clock stamp millis micros zeit zeitstempel temps tiempo"
-    " 时间 時間 时刻 時刻",
+    " posizione angolo aipos axisact 位置 角度 关节角 위치 각도",
+    "time": "t time timestamp seconds sec secs s ts clock stamp millis micros zeit zeitstempel temps tiempo tempo"
+    " 时间 時間 时刻 時刻 시간",
     "fraction": "nanosec nsec nsecs nanosecs nanoseconds usec usecs microsec microseconds msec millisec milliseconds",
 }
 _KNOWN = {what: words.split() for what, words in _WORDS.items()}
 #: Units that a name tells, by quantity; none of them stands inside a word.
 _UNIT_WORDS = {
     "time": {"ms": r"ms|msecs?|milli\w*", "us": r"us|µs|usecs?|micro\w*", "ns": r"ns|nsecs?|nano\w*"},
-    "position": {"deg": "deg|degrees?|°|度", "tick": "ticks?"},
+    "position": {"deg": "deg|degrees?|°|度", "tick": "ticks?", "mrad": "mrad"},
     "velocity": {"deg/s": "deg|degrees?|°|度", "rpm": "rpm|U/min|1/min", "tick/s": "ticks?"},
-    "current": {"mA": "mA", "Nm": "N[ _·*]?m", "percent": "%|percent", "permille": "‰|permille"},
+    "current": {"mA": "mA", "Nm": "N[ _·*]?m", "mNm": "mN[ _·*]?m", "percent": "%|percent", "permille": "‰|permille"},
 }
 #: Words for a second, and words for what may be a current, a torque or a share of it.
 _SECONDS, _SHARES = ("s", "sec", "secs", "seconds"), ("effort", "efforts", "load", "loads")
 #: What a torque costs against a current, and a second quantity in a name; how much better than its rivals is sure.
 _TORQUE, _ANOTHER, _SURE = 3.0, 5.0, 2.0
+#: Columns that count the recordings that stand in one file, as in LeRobot's data sets.
+EPISODE = re.compile("episode([_ ]?(index|id))?", re.IGNORECASE)
 #: Wanted, not measured: never proposed while a measured column is there.
-_WANTED = {"target", "cmd", "command", "commanded", "cmptd", "computed", "ref", "reference", "desired", "des", "set"}
-_MEASURED = {"actual", "measured", "meas", "act", "real"}
+_WANTED = {
+    *("target", "cmd", "command", "commanded", "cmptd", "computed", "ref", "reference", "desired", "des", "set"),
+    "soll",
+}
+_MEASURED = {"actual", "measured", "meas", "act", "real", "ist"}
+#: Spellings without a mark between words, KUKA's name of positions, and names with no word but that of a joint.
+_SPELLINGS = (
+    (r"\b_?(ist|soll)(?=[a-z]{4})", r"\1 "),
+    (r"(?<![a-z]_)axis[ _]act(?![a-z])", "axisact"),
+    (r"^\W*(j|a|axis|joint|achse)[\W\d_]*$", "stellung"),
+)
 
 
 def log_block(log: LogFormat) -> str:
@@ -76,7 +89,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
 
     None if time, positions or currents are not recognised. Units that the recipe states hold.
     """
-    names = robot.log.names or tuple(joint.name for joint in robot.joints)
+    names = spelt(robot.log.names or tuple(joint.name for joint in robot.joints), header)
     templates, chosen, is_sure = _templates(header, names), dict[str, str](), True
     for quantity in QUANTITIES:
         scores = {template: _score(template, quantity) - beyond for template, beyond in templates.items()}
@@ -87,6 +100,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
         rivals = [score for other, score in scores.items() if other != best and ("{name}" in other) == by_name]
         if quantity in ("position", "current"):  # a velocity is checked, and spared
             is_sure &= not templates[best] and max(rivals, default=-math.inf) < scores[best] - _SURE
+            is_sure &= not _WANTED & {*_words(best)}
     times, is_one = _times(header, chosen.get("position", ""))
     if not times or "position" not in chosen or "current" not in chosen:
         return None, False
@@ -152,9 +166,19 @@ def has_foreign_words(text: str) -> bool:
 
 
 def _words(name: str) -> list[str]:
-    """The lower-case words of a name: ``motorPos_rad[3]`` gives motor, pos, rad."""
-    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", _bare(name))
-    return [word for word in re.split(r"[\W\d_]+", apart.lower()) if word]
+    """The lower-case words of a name: ``motorPos_rad[3]`` gives motor, pos, rad; ``Iststrom`` gives ist, strom."""
+    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", _bare(name)).lower()
+    for pattern, plain in _SPELLINGS:
+        apart = re.sub(pattern, plain, apart)
+    return [word for word in re.split(r"[\W\d_]+", apart) if word]
+
+
+def spelt(names: Sequence[str], header: Sequence[str]) -> tuple[str, ...]:
+    """Names of joints as a header spells them, in other capitals or with other marks between words, if it has all."""
+    patterns = (r"[\W_]?".join(map(re.escape, re.split(r"[\W_]+", name))) for name in names)
+    matches = [re.search(pattern, "\n".join(header), re.IGNORECASE) for pattern in patterns]
+    is_as_written = all(any(name in column for column in header) for name in names)
+    return tuple(match[0] for match in matches if match) if all(matches) and not is_as_written else tuple(names)
 
 
 def _bare(name: str) -> str:
@@ -183,7 +207,7 @@ def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, bool]:
     for name in header:
         places = [(name[: match.start()], match[0], name[match.end() :]) for match in re.finditer(r"\d+", name)]
         for (before, digits, after), (key, first) in product(places, (("joint", 1), ("joint0", 0))):
-            width = ":02d" if digits[0] == "0" and len(digits) == 2 else ""
+            width = f":0{len(digits)}d" if digits[0] == "0" and len(digits) > 1 else ""
             *joints, beyond = [f"{before}{first + k:{width[1:]}}{after}" in columns for k in numbers]
             if all(joints):
                 templates[f"{before}{{{key}{width}}}{after}"] = beyond

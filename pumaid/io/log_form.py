@@ -68,6 +68,8 @@ def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
     return words
 
 
+#: The preset whose columns a topic of a recording has.
+_JOINT_STATE = "joint-state"
 Template = Annotated[Words, AfterValidator(_template)]
 Times = Annotated[
     tuple[Template, ...],
@@ -123,28 +125,33 @@ def presets() -> dict[str, dict[str, Any]]:
 
 
 class LogForm(StrictForm):
-    """The block `log`."""
+    """The block `log`; `commanded` is checked and not used, since every fit is of measured positions."""
 
     preset: Words | None = None
+    topic: Words | None = None
     time: Times = like("t   (or [sec, nanosec])", default=("t",))
     position: Columns = ColumnForm(column="q{joint}")
     velocity: Columns | None = ColumnForm(column="qd{joint}")
     current: Columns = ColumnForm(column="i{joint}")
     temperature: Columns | None = ColumnForm(column="temp{joint}")
-    effort: Literal["current", "torque"] = "current"
+    commanded: Columns | None = None
+    effort: Literal["current", "torque"] | None = None
     units: Annotated[dict[Quantity, str], AfterValidator(_units)] = like(default={})
     signs: dict[Literal["position", "current"], Signs] = like("{position: [1, -1, ...]}", default={})
 
     @model_validator(mode="before")
     @classmethod
     def _over_preset(cls, data: Any) -> Any:
-        """What a block says goes over its preset, part by part."""
-        if not isinstance(data, dict) or not isinstance(data.get("preset"), str):
+        """What a block says goes over its preset, part by part; a topic's is that of joint states."""
+        if not isinstance(data, dict) or not isinstance(data.get("preset", data.get("topic")), str):
             return data
-        name = data["preset"].lower().replace("_", "-")
+        name = data.get("preset", _JOINT_STATE).lower().replace("_", "-")
         if name not in presets():
             raise refusal(f"there is no preset {name[:60]}", meant(name, list(presets())))
         out = dict(presets()[name])
+        if name == _JOINT_STATE and isinstance(data.get("topic"), str):
+            topic = re.sub(r"([{}])", r"\1\1", f"/{data['topic'].strip('/')}")
+            out = {key: value.replace("/joint_states", topic) for key, value in out.items()}
         for key, value in data.items():
             before, now = ({"column": part} if key in QUANTITIES and isinstance(part, str) else part
                            for part in (out.get(key), value))  # fmt: skip
@@ -163,7 +170,7 @@ def log_format(form: LogForm, names: tuple[str, ...]) -> LogFormat:
     sliding = words.get("prismatic_position", position if position in ("m", "mm") else "m")
     fields["units"] = {
         "time": "s",
-        "current": "Nm" if form.effort == "torque" else "A",
+        **({"current": "Nm" if form.effort == "torque" else "A"} if form.effort else {}),
         "temperature": "degC",
         "position": position,
         "velocity": velocity,

@@ -6,9 +6,11 @@ not fit. No step holds a file.
 
 import hashlib
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,7 +18,7 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import guessed, log_block, paste_block, stated_unit, unit_in
+from pumaid.io.column_names import EPISODE, guessed, log_block, paste_block, spelt, stated_unit, unit_in
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
@@ -135,7 +137,9 @@ class LogReader:
             self.robot, naming = as_named(schema, self.robot)
             columns = Columns(schema, self.robot, name, extra=self.extra)
             cleaner = Cleaner(self.robot, columns, name)
-            yield from filter(None, (cleaner.take(*batch) for batch in source.batches(columns.read)))
+            batches = (batch for batch in source.batches(columns.read) if len(batch.rows))
+            parts = (part for batch in batches for part in columns.episodes(*batch))
+            yield from filter(None, (cleaner.take(*part) for part in parts))
             after = file.stat()
         # Else the digest is of another content.
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
@@ -225,11 +229,24 @@ class Columns:
             text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints"
             self.notes.append(Note("more-joints", f"{text}: is it this robot's log?", Where(file=name)))
         self.factors, self.zeros = np.array(factors), np.array(zeros)
+        self.episode = next(filter(EPISODE.fullmatch, header), "")
+        self._counted = np.full((int(bool(self.episode)), 1), np.nan)
 
     @property
     def read(self) -> list[str]:
-        """The columns to read of the file: those of `names`, and fractions of the time."""
-        return [*self.names, *([self.fraction[0]] if self.fraction else [])]
+        """The columns to read of the file: those of `names`, fractions of the time, and the number of the recording."""
+        return [*self.names, *([self.fraction[0]] if self.fraction else []), *([self.episode] if self.episode else [])]
+
+    def episodes(self, rows: Counts, table: Floats) -> Iterator[tuple[Counts, Floats, bool]]:
+        """The parts of a batch (rows, and values without the number of the recording) that are of one recording each.
+
+        With whether its clock starts anew.
+        """
+        cut = len(table) - bool(self.episode)
+        begins: Flags = np.any(np.abs(np.diff(table[cut:], prepend=self._counted)) > 0.0, axis=0)
+        self._counted = table[cut:, -1:]
+        for start, stop in pairwise([0, *np.flatnonzero(begins[1:]) + 1, len(rows)]):
+            yield rows[start:stop], table[:cut, start:stop], bool(begins[start])
 
 
 class Cleaner:
@@ -244,6 +261,7 @@ class Cleaner:
         self.n_rows, self.first_time, self.last_time = 0, math.nan, math.nan
         self._last: Floats | None = None
         self._turns = np.zeros(robot.n_joints)
+        self._begins = False
         self._faults: dict[str, dict[str, tuple[int, int]]] = {kind: {} for kind in _KINDS}
         self._steps = np.zeros(0)
         self._long = np.zeros((3, 0))
@@ -253,16 +271,18 @@ class Cleaner:
         """Median of the first times between samples, s."""
         return float(np.median(self._steps)) if len(self._steps) else math.nan
 
-    def take(self, rows: Counts, table: Floats) -> Log | None:
+    def take(self, rows: Counts, table: Floats, starts_clock: bool = False) -> Log | None:
         """The samples of the next batch: rows (N,), values (C, N) as the file holds them, which are changed in place.
 
-        Of rows that share a time the first stays; None where no row does.
+        Of rows that share a time the first stays; None where no row does. With `starts_clock` time begins anew.
 
         Raises
         ------
         LogError [time-not-rising]
             Time goes back.
         """
+        if starts_clock:
+            self._last, self._turns, self._begins = None, np.zeros(self.robot.n_joints), True
         table = self._in_si(table)
         rows, table = self._without_ties(*self._without_bad(rows, table))
         if not len(rows):
@@ -274,9 +294,10 @@ class Cleaner:
         if is_long.any():  # these are held until the median stands
             self._long = np.hstack([self._long, [rows[is_long], table[0, is_long] - steps[is_long], steps[is_long]]])
         self._unwrap(rows, table, before)
-        self.first_time = float(table[0, 0]) if before is None else self.first_time
+        self.first_time = float(table[0, 0]) if math.isnan(self.first_time) else self.first_time
         self.last_time = float(table[0, -1])
-        quantities: dict[str, Any] = {"velocity": None}
+        quantities: dict[str, Any] = {"velocity": None, "starts_clock": self._begins}
+        self._begins = False
         for quantity, places in self.columns.places.items():
             if len(places) or quantity == "current":
                 if len(places) < self.robot.n_joints and quantity != "extra":  # NaN where one is absent
@@ -368,7 +389,8 @@ class Cleaner:
                 "time-not-rising",
                 f"time goes back from {before[0, back]:.9g} s to {table[0, back]:.9g} s",
                 Where(file=self.name, row=int(rows[back]), column=name),
-                f"delete the row with a wrong time, sort the file by {name}, or split it where recordings were joined",
+                f"delete the row with a wrong time, sort the file by {name}, or, where recordings were joined, split"
+                " it, or count them in a column called episode",
             )
         measured = slice(len(table) - len(self.columns.places["extra"]))
         is_same = np.all((table[measured] == before[measured]) | np.isnan(table[measured]), axis=0)
@@ -468,7 +490,9 @@ def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Not
     LogError [joints-swapped]
         The file names its joints in another order than the recipe counts them.
     """
-    header, log = [column.name for column in schema], robot.log
+    header = [column.name for column in schema]
+    log = replace(robot.log, names=spelt(robot.log.names, header))
+    robot = replace(robot, log=log)
     positions = [str(log.column("position", joint.number)) for joint in robot.joints]
     is_silent = replace(log, units={}, signs={}, names=()) == LogFormat()
     joints = {column.same_as: column.joint for column in schema if column.joint}
@@ -530,8 +554,10 @@ def _faults(
 
 def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     block = paste_block(header, robot)
+    topics = dict.fromkeys(column.rsplit("/", 2)[0] for column in header if re.fullmatch("/.+/.+/position", column))
     if block:
-        return f"if these are the columns meant, put this into the recipe:\n{block}"
+        more = f" (joint states are there of {listed([*topics])}; log: {{topic: NAME}} says which)"
+        return f"if these are the columns meant{more * (len(topics) > 1)}, put this into the recipe:\n{block}"
     # What the recipe names already is no other quantity.
     named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
     free = [column for column in header if column not in named]

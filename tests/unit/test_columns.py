@@ -314,6 +314,62 @@ def test_words_and_letters_of_other_languages(tmp_path: Path, header: str, encod
     np.testing.assert_allclose(log.time, time, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Zeit,Istposition_A1,Istposition_A2,Iststrom_A1,Iststrom_A2,Sollposition_A1,Sollposition_A2",  # KUKA, trace
+        "Time,AIPos.A1,AIPos.A2,MACur.A1,MACur.A2",  # KUKA, sensor interface
+        "t,$AXIS_ACT_A1,$AXIS_ACT_A2,$CURR_ACT_1,$CURR_ACT_2,$VEL_AXIS_ACT_1,$VEL_AXIS_ACT_2",  # and its variables
+        "time,J1,J2,motor_current_1,motor_current_2",  # ABB
+        "Time,J1 Angle,J2 Angle,J1 Current,J2 Current",  # FANUC
+        "Time,Hip_Position,Knee_Position,Hip_Current,Knee_Current",
+        "TIME,HIP.POS,KNEE.POS,HIP.CURRENT,KNEE.CURRENT",
+        "시간,위치1,위치2,전류1,전류2",
+        "tempo,posizione_1,posizione_2,corrente_1,corrente_2",
+        "Time,[ID:001] Present Position,[ID:002] Present Position,[ID:001] Present Current,[ID:002] Present Current",
+    ],
+)
+def test_columns_are_known_as_controllers_and_people_name_them(tmp_path: Path, header: str) -> None:
+    """The measured ones, not what was wanted; capitals apart."""
+    time, q, current = motion()
+    more = np.zeros((len(time), header.count(",") - 4))
+    (log,) = LogReader(table(tmp_path / "log.csv", header, time, q, current, more), robot())
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.current, current)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_episodes_of_a_file_are_recordings_of_their_own(tmp_path: Path, ending: str) -> None:
+    """As LeRobot writes several into one file: time begins anew, and no run reaches from one into the next."""
+    time, q, current = motion()
+    half = len(time) // 2
+    episode = np.repeat([3, 4], [half, len(time) - half])
+    columns = {"episode_index": episode, "t": np.where(episode > 3, time - time[half], time)}
+    columns |= {f"{name}{k + 1}": part[:, k] for name, part in (("q", q), ("i", current)) for k in (0, 1)}
+    dataset = ingest([frame(tmp_path / f"log.{ending}", columns)], robot())
+    apart = [frame(tmp_path / f"{n}.csv", {k: v[episode == n] for k, v in columns.items()}) for n in (3, 4)]
+    runs = ingest(apart, robot()).runs
+    assert [(run.clock, run.start, run.samples) for run in dataset.runs] == [
+        (run.clock, run.start, run.samples) for run in runs
+    ]
+    assert {run.clock for run in runs} == {0, 1}
+
+
+def test_a_topic_is_that_of_the_joint_states_to_read(tmp_path: Path) -> None:
+    """Two arms in one recording: the one that is named; and what was commanded may be named beside it."""
+    time, q, current = motion()
+    columns: dict[str, object] = {"t": time}
+    for topic, sign in (("/left/joint_states", 1), ("/right/joint_states", -1)):
+        for what, part in (("position", q), ("effort", current)):
+            columns |= {f"{topic}/{name}/{what}": sign * part[:, k] for k, name in enumerate(("hip", "knee"))}
+    path = frame(tmp_path / "log.csv", columns)
+    error = refused(path, robot())
+    assert "/left/joint_states, /right/joint_states" in error.mend
+    np.testing.assert_allclose(read(path, pasted(error)).position, q)
+    arm = robot("log: {topic: right/joint_states, commanded: '/right/command/{name}/position'}\n")
+    np.testing.assert_allclose(read(path, arm).position, -q)
+
+
 def test_units_and_stamps_that_a_file_states(tmp_path: Path) -> None:
     """A line of units below the names is followed, and so are dates with times."""
     time, q, current = motion()
