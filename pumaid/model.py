@@ -17,7 +17,7 @@ from pumaid.effects.formula import swept
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Flags, Floats, Recursion, independent
-from pumaid.rigid_body import base_parameters, point_mass, weight_name
+from pumaid.rigid_body import PARAMETERS, base_parameters, base_values, of_payload, point_mass, weight_name
 from pumaid.robot import Payload, Robot
 
 #: Name of the columns of what a rigid body has beside weight.
@@ -266,22 +266,15 @@ class Model:
         """(b,) parameters of links, in N m for A, that ask of every joint what a point mass on the last link does; and
         (J,) N more of those that slide: a weight that is the same in every posture is Coulomb friction's in the model.
         """
-        n, slides = self.robot.n_joints, ~self.robot.is_revolute
-        rng, resting = np.random.default_rng(0), np.zeros((n, POSTURES))
-        position, *rates = rng.normal(0.0, 3.0, (3, n, POSTURES)) if self.is_dynamic else (resting, resting, resting)
-        position = rng.uniform(-np.pi, np.pi, (n, POSTURES))
-        torque = point_mass(self.robot, payload, (position, *rates))
-        shares = np.zeros((n, POSTURES, len(self._base)))
-        if self.is_dynamic:
-            for share, rows in zip(shares, base_parameters(self.robot).rows(position, *rates), strict=True):
-                share[:, self.inertial[-len(rows) :]] = rows.T
-        else:
-            ways = np.zeros(POSTURES), np.ones(POSTURES)
-            shares = np.array([self.base(Samples(joint, position.T, resting.T, *ways)) for joint in range(1, n + 1)])
-        constants = np.repeat(np.diag(slides.astype(float)), POSTURES, axis=0)
-        table = np.hstack([shares.reshape(n * POSTURES, -1) * [*self.is_scaled[: len(self._base)]], constants])
-        solution = np.linalg.lstsq(table, torque.ravel(), rcond=1e-9)[0]
-        return solution[:-n], solution[-n:]
+        links, still = np.zeros((self.robot.n_joints, len(PARAMETERS))), np.zeros((self.robot.n_joints, 1))
+        links[-1] = of_payload(payload)
+        values = base_values(self.robot, links)
+        named = {part.name: value for part, value in zip(body_columns(self.robot), values.tolist(), strict=True)}
+        parameters = np.array([named.get(column.name, 0.0) for column in self._base])
+        resting = [Samples(n, still.T, still.T, np.zeros(1), np.ones(1)) for n in range(1, len(links) + 1)]
+        weighed = np.array([(self.base(samples) @ parameters)[0] for samples in resting])
+        beside = point_mass(self.robot, payload, (still, still, still))[:, 0] - weighed
+        return parameters, np.where(self.robot.is_revolute, 0.0, beside)
 
     def base(
         self, samples: Samples, scopes: Sequence[Scope] = (Scope.LINK, Scope.JOINT), out: Floats | None = None

@@ -73,11 +73,25 @@ def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Flo
     """(J, N) N m, or N, that a point mass on the last link asks of each joint; `motion` are (J, N) positions, rates and
     accelerations.
     """
-    mass, place = payload[0], np.array(payload[1:])
-    tensor = mass * (place @ place * np.eye(3) - np.outer(place, place))
-    parameters = np.array([mass, *(mass * place), *(tensor[TENSOR[name]] for name in PARAMETERS[4:10])])
-    tip = RigidBody(robot, (*([()] * (robot.n_joints - 1)), tuple(range(10))))
-    return np.array([parameters @ rows for rows in tip.rows(*motion)])
+    tip = RigidBody(robot, (*([()] * (robot.n_joints - 1)), tuple(range(len(PARAMETERS)))))
+    return np.array([of_payload(payload) @ rows for rows in tip.rows(*motion)])
+
+
+def of_bodies(masses: Floats, centres: Floats, tensors: Floats | float = 0.0, rotors: Floats | float = 0.0) -> Floats:
+    """(J, 11) parameters of links: (J,) kg, (J, 3) m of their centres, (J, 6) kg m2 about these, (J,) of rotors."""
+    moments, rotors = steiner(masses, centres) + tensors, rotors + np.zeros(len(masses))
+    return np.column_stack([masses, masses[:, None] * centres, moments, rotors])
+
+
+def of_payload(payload: Payload) -> Floats:
+    """(11,) parameters of a point mass."""
+    return of_bodies(np.array(payload[:1]), np.array([payload[1:]]))[0]
+
+
+def steiner(masses: Floats, centres: Floats) -> Floats:
+    """(J, 6) kg m2 that masses at their centres have about the origins: xx, xy, xz, yy, yz, zz."""
+    x, y, z = centres.T
+    return np.asarray(masses * [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]).T
 
 
 #: One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N); and how
@@ -209,6 +223,12 @@ def regrouping(robot: Robot) -> tuple[Floats, Floats]:
     sums = np.asarray(np.linalg.lstsq(np.hstack([constant, matrix[:, counted]]), matrix, rcond=None)[0], dtype=float)
     sums[np.abs(sums) < RANK * np.abs(sums).max()] = 0.0
     return sums[constant.shape[1] :], sums[: constant.shape[1]] / np.sqrt(STATES)
+
+
+def base_values(robot: Robot, parameters: Floats) -> Floats:
+    """(P,) values of the base parameters of links of parameters (J, 11)."""
+    values, mixed = regrouping(robot)[0] @ parameters.ravel(), base_parameters(robot).mixed
+    return values if mixed is None else np.asarray(np.linalg.solve(mixed, values))
 
 
 def _random_rows(robot: Robot) -> tuple[Floats, Floats]:

@@ -8,7 +8,7 @@ import numpy as np
 from pumaid.errors import RecipeError, Where, refuse
 from pumaid.maths import Counts, Floats
 from pumaid.robot import Capsule, Robot, Safety, Sphere
-from pumaid.simulation.mujoco_engine import chain
+from pumaid.simulation.mujoco_engine import chain, engine
 from pumaid.trajectory import in_words
 
 #: m: no path within the margin is called free, and none that stays this far outside it is called a collision.
@@ -140,8 +140,7 @@ class Collision:
 
     def distances(self, position: Floats, pairs: Counts | None = None) -> Floats:
         """(P,) m between the P pairs, or those named, at joint positions (J,), negative where they overlap."""
-        import mujoco
-
+        mujoco = engine()
         self._data.qpos[:] = position
         mujoco.mj_kinematics(self._model, self._data)
         model, data, distance = self._model, self._data, mujoco.mj_geomDistance
@@ -157,7 +156,7 @@ class Collision:
             bodies[shape.link].add_geom(name=str(len(shapes)), **attributes)
             shapes.append(shape)
         self._model: Any = spec.compile()
-        self._data: Any = _engine().MjData(self._model)
+        self._data: Any = engine().MjData(self._model)
         geometry = [self._model.geom(str(number)).id for number in range(len(shapes))]
         # Moving shapes with what stands, and with those of links that are not adjacent; without a stated tool the tip
         # is the wrist's centre, which lies inside the wrist's own shape.
@@ -213,7 +212,7 @@ class Collision:
 
 def _shapes(robot: Robot, safety: Safety) -> Iterator[tuple[Geometry, dict[str, Any]]]:
     """Every shape of a recipe, with its attributes in MuJoCo; the tip is the first."""
-    kinds, last = _engine().mjtGeom, robot.n_joints
+    kinds, last = engine().mjtGeom, robot.n_joints
     for number, ball in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
         label = f"sphere {number} of {_link(ball.link)}" if number else "the tip"
         extent = float(np.linalg.norm(ball.centre)) + ball.radius
@@ -254,9 +253,3 @@ def link_capsules(robot: Robot, safety: Safety) -> Iterator[Capsule]:
 
 def _link(number: int) -> str:
     return f"link {number}" if number else "the base"
-
-
-def _engine() -> Any:
-    import mujoco  # slow to load
-
-    return mujoco

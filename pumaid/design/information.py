@@ -3,7 +3,7 @@ and a payload), the Fisher information of runs that are not made yet, the standa
 bound), and which runs make these smallest: the continuous optimum as the bound, and the greedy exchange algorithm.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,12 +48,18 @@ class Prior:
     sentences: tuple[str, ...]
 
     def typical_sizes(self) -> dict[str, float]:
-        """Name -> typical size of a parameter (SI): the median over the robots, at least a tenth of its kind's."""
-        values = [truth.parameters() for truth in self.robots]
-        median = {name: float(np.median([abs(table[name]) for table in values])) for name in values[0]}
-        kinds = {name.split(".")[0] for name in median}
-        largest = {kind: max(value for name, value in median.items() if name.startswith(kind)) for kind in kinds}
-        return {name: max(value, 0.1 * largest[name.split(".")[0]]) or 1.0 for name, value in median.items()}
+        """Name -> typical size of a parameter of the paper's model (SI)."""
+        tables = [truth.parameters() for truth in self.robots]
+        return typical_sizes(tables, {name: name.split(".")[0] for name in tables[0]})
+
+
+def typical_sizes(tables: Sequence[Mapping[str, float]], kinds: Mapping[str, str]) -> dict[str, float]:
+    """Name -> typical size of a parameter (SI), of those that have `kinds`: the median over tables of values, one a
+    robot, at least a tenth of the largest of its kind.
+    """
+    median = {name: float(np.median([abs(table[name]) for table in tables])) for name in kinds}
+    largest = {kind: max(size for name, size in median.items() if kinds[name] == kind) for kind in kinds.values()}
+    return {name: max(size, 0.1 * largest[kinds[name]]) or 1.0 for name, size in median.items()}
 
 
 def prior_robots(
@@ -319,8 +325,12 @@ def predicted_errors(truths: Sequence[Truth], motions: Sequence[Motion], names: 
     """
     whole = parameter_names(truths[0].robot, names)
     fitted = run_information(truths, [motion for motion in motions if motion.purpose == "fit"], names)
-    information = np.asarray(fitted.sum(axis=0)).reshape(len(truths), len(whole), len(whole))
-    tables = [standard_errors(whole, part) for part in information]
+    return median_errors(whole, np.asarray(fitted.sum(axis=0)).reshape(len(truths), len(whole), len(whole)))
+
+
+def median_errors(names: Sequence[str], information: Floats) -> dict[str, float]:
+    """Name -> median of the predicted standard errors by G informations (G, p, p); what any does not show is out."""
+    tables = [standard_errors(names, part) for part in information]
     shared = [name for name in tables[0] if all(name in table for table in tables)]
     return {name: float(np.median([table[name] for table in tables])) for name in shared}
 

@@ -4,7 +4,7 @@ What they tell is the information of the fit that `identify` makes of their bloc
 ratios of gains; the criterion is that of runs at constant speed (`pumaid.design.information`).
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +12,15 @@ from scipy.linalg import toeplitz
 
 from pumaid.design.candidate_runs import home
 from pumaid.design.collision import TOLERANCE, Collision
-from pumaid.design.information import RATE, Criterion, Prior, prior_robots, standard_errors
-from pumaid.design.plan import check_minutes, conditions, needs, plan
+from pumaid.design.information import RATE, Criterion, Prior, median_errors, prior_robots, typical_sizes
+from pumaid.design.plan import check_ranges, plan, with_forecast
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.maths import Bilinear, Counts, Floats, Gains, pseudo_inverse
-from pumaid.model import INERTIA, Model, in_motion
+from pumaid.model import INERTIA, Model, body_columns, in_motion
 from pumaid.preprocessing.binning import BLOCKS, LONGEST_BLOCK, SHORTEST_BLOCK
 from pumaid.preprocessing.parallel_filter import SHORTEST_CELL, STICKING
-from pumaid.rigid_body import PARAMETERS, TENSOR, RigidBody, base_parameters
+from pumaid.rigid_body import TENSOR, base_parameters, base_values, of_bodies, of_payload
 from pumaid.robot import Payload, Robot
 from pumaid.simulation import Truth, draw
 from pumaid.simulation.mujoco_engine import tensors
@@ -32,7 +32,6 @@ from pumaid.trajectory import (
     Plan,
     Trajectory,
     accelerations,
-    duration,
     highest_speeds,
     span,
 )
@@ -59,8 +58,6 @@ CHANGE, LARGER, SMALLER = 0.5, 1.5, 0.97
 STEP = 0.05
 #: Places that are tried for one that can be reached.
 _TRIES = 20
-#: Random states in which inertial parameters are regrouped.
-_STATES = 60
 
 
 def inertial_values(truth: Truth, payload: Payload | None = None) -> dict[str, float]:
@@ -69,31 +66,12 @@ def inertial_values(truth: Truth, payload: Payload | None = None) -> dict[str, f
     A robot that is known by constants in amperes alone has those of one drawn from the geometry.
     """
     arm = draw(truth.robot, truth.seed or 0)
-    robot, n = arm.robot, arm.robot.n_joints
-    masses = [
-        (j, m, c, t) for j, (m, c, t) in enumerate(zip(arm.links.mass, arm.links.centre, tensors(arm), strict=True))
-    ]
-    if payload is not None:
-        masses.append((n - 1, payload[0], np.array(payload[1:]), np.zeros((3, 3))))
-    standard = np.zeros((n, len(PARAMETERS)))
-    standard[:, -1] = arm.inertia / arm.gain
-    for j, mass, centre, tensor in masses:
-        whole = tensor + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-        standard[j, :-1] += [mass, *(mass * centre), *(whole[TENSOR[name]] for name in PARAMETERS[4:10])]
-    rng, shape = np.random.default_rng(0), (n, _STATES)
-    motion = rng.uniform(-np.pi, np.pi, shape), rng.normal(0.0, 3.0, shape), rng.normal(0.0, 20.0, shape)
-    everything, base = RigidBody(robot, (tuple(range(len(PARAMETERS))),) * n), base_parameters(robot)
-    torque = np.array([standard.ravel()[-len(rows) :] @ rows for rows in everything.rows(*motion)])
-    table = np.zeros((n, _STATES, len(base.names) + n))
-    for j, rows in enumerate(base.rows(*motion)):
-        table[j, :, len(base.names) - len(rows) : len(base.names)] = rows.T
-        table[j, :, len(base.names) + j] = not robot.is_revolute[j]  # a constant load is friction's
-    values = np.linalg.lstsq(table.reshape(n * _STATES, -1), torque.ravel(), rcond=1e-9)[0]
-    model = Model(robot, is_dynamic=True)
-    columns = [model.columns[k] for k in model.inertial]
+    about = tensors(arm)[:, *np.transpose(list(TENSOR.values()))]
+    parameters = of_bodies(arm.links.mass, arm.links.centre, about, arm.inertia / arm.gain)
+    parameters[-1] += 0.0 if payload is None else of_payload(payload)
     return {
         column.name: float(value * arm.gain[column.owner - 1])
-        for column, value in zip(columns, values, strict=False)
+        for column, value in zip(body_columns(arm.robot), base_values(arm.robot, parameters), strict=True)
         if column.effect == INERTIA
     }
 
@@ -130,10 +108,8 @@ class MotionInformation:
                 for v in values
             ]
         )
-        median = np.median(np.abs(values), axis=0)
-        kinds = [f"{column.effect} {column.unit}" for column in self._model.columns] + ["ratio"] * len(ratios)
-        largest = {kind: max(m for m, k in zip(median, kinds, strict=True) if k == kind) for kind in kinds}
-        self.sizes = np.maximum(median, [0.1 * largest[kind] or 1.0 for kind in kinds])
+        kinds = {column.name: f"{column.effect} {column.unit}" for column in self._model.columns}
+        self.sizes = np.array([*typical_sizes(tables, kinds | dict.fromkeys(ratios, "ratio")).values()])
 
     def of(self, made: Trajectory) -> Floats:
         """(G, p, p) information of all repeats of a trajectory: the inverse of the covariance that the fit has.
@@ -148,6 +124,7 @@ class MotionInformation:
         position, velocity, acceleration = made.at(time)
         rows = base_parameters(self.robot).rows(position.T, velocity.T, acceleration.T)
         friction, noise = self.robot.shaft_velocity(velocity), self.robots[0].noise
+        sizes = np.array([truth.noise.std for truth in self.robots])
         slides = np.abs(velocity) - 1.5 * SHORTEST_CELL * np.abs(acceleration) > STICKING
         phi, share = noise.correlation(RATE), noise.level_share
         white = (1.0 - share) * (1.0 + phi) / (1.0 - phi) / (made.cycle / count * RATE)
@@ -160,7 +137,7 @@ class MotionInformation:
             count_of = ones.sum(axis=1, keepdims=True)
             weighted = parts - ones * (share / (white + count_of * share)) * parts.sum(axis=1, keepdims=True)
             weighted = weighted.reshape(design.shape) / white
-            turn = self._turn[:, j, columns] / noise_sizes(self.robots, j)[:, None, None]
+            turn = self._turn[:, j, columns] / sizes[:, j, None, None]
             both = design.T @ weighted, weighted.T @ (white * weighted + slow @ weighted)
             for total, gram in zip((inner, outer), both, strict=True):
                 total += np.swapaxes(turn, 1, 2) @ gram @ turn
@@ -179,14 +156,7 @@ class MotionInformation:
 
     def errors(self, information: Floats) -> dict[str, float]:
         """Name -> predicted standard error: the median over prior robots; parameters that any of them hides are out."""
-        tables = [standard_errors(self.names, part) for part in information]
-        shared = [name for name in self.names if all(name in table for table in tables)]
-        return {name: float(np.median([table[name] for table in tables])) for name in shared}
-
-
-def noise_sizes(robots: Sequence[Truth], j: int) -> Floats:
-    """(G,) A of noise of joint j (from 0)."""
-    return np.array([truth.noise.std[j] for truth in robots])
+        return median_errors(self.names, information)
 
 
 class Fourier:
@@ -391,7 +361,7 @@ def plan_motion(
         Too few blocks of motion fit in; a number out of range; all that was tried strikes something.
     """
     minutes = 2.0 if minutes is None else minutes
-    check_minutes(minutes)
+    check_ranges(minutes)
     seconds = 60.0 * minutes - 2.0 * REST
     if seconds < LEAST:
         what = f"{minutes:g} minutes are too short: a trajectory lasts for {LEAST:g} s at least"
@@ -470,14 +440,8 @@ class _Forecast:
             yield Note("plan-dark", text)
 
     def of(self, bare: Plan, promised: dict[str, float], notes: Iterable[Note]) -> Plan:
-        """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
-        dark = [name for name in self.information.names if name not in promised]
+        """A plan with its forecast."""
         levels = f"A level of noise lasts for {PART:g} s of a trajectory; inertia as of robots drawn from the geometry."
-        return replace(
-            bare,
-            expected=promised,
-            unseen={**self.absent, **dict.fromkeys(dark, "this trajectory does not show it")},
-            duration=duration(self.robot, bare),
-            assumptions=(*self.prior.sentences, levels, *conditions(self.robot)),
-            notes=(*notes, *needs(self.prior, promised, self.absent)),
-        )
+        noted = replace(bare, notes=tuple(notes), assumptions=(levels,))
+        unseen = dict.fromkeys(self.information.names, "this trajectory does not show it")
+        return with_forecast(noted, self.prior, promised, unseen=unseen, absent=self.absent)

@@ -403,7 +403,7 @@ def plan(
     >>> plan(table1.robot(), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'
     """
-    _check(minutes, speeds, {"postures": postures_per_joint, "replicates": replicates})
+    check_ranges(minutes, speeds, postures=postures_per_joint, replicates=replicates)
     planner = Planner(
         robot,
         seconds=None if minutes is None else 60.0 * minutes,
@@ -450,39 +450,39 @@ def check_plan(
 
 
 def _with_forecast(bare: Plan, planner: Planner, notes: Iterable[Note]) -> Plan:
-    """A plan with its expected errors, what stays unseen, its duration, assumptions and notes."""
+    """A plan of runs with its forecast."""
     promised, arm = predicted_errors(planner.prior.robots, bare.motions, planner.names), planner.robot
-    dark = [name for name in parameter_names(arm, planner.names) if name not in promised]
+    noted = replace(bare, notes=(*notes, *unusable_notes(arm, bare)))
+    unseen = dict.fromkeys(parameter_names(arm, planner.names), "no run of this plan shows it")
+    return with_forecast(noted, planner.prior, promised, unseen=unseen, absent=planner.absent)
+
+
+def with_forecast(
+    bare: Plan, prior: Prior, promised: dict[str, float], *, unseen: Mapping[str, str], absent: Mapping[str, str]
+) -> Plan:
+    """A plan with the errors that it promises, its duration, assumptions and notes.
+
+    `absent` parameters no plan shows, `unseen` (name -> why) this one where it promises nothing of them.
+    """
+    robot = prior.robots[0].robot
     return replace(
         bare,
         expected=promised,
-        unseen={**planner.absent, **dict.fromkeys(dark, "no run of this plan shows it")},
-        duration=duration(arm, bare),
-        assumptions=(*planner.prior.sentences, *conditions(arm)),
-        notes=(*notes, *unusable_notes(arm, bare), *needs(planner.prior, promised, planner.absent)),
+        unseen={**absent, **{name: why for name, why in unseen.items() if name not in promised}},
+        duration=duration(robot, bare),
+        assumptions=(*prior.sentences, *bare.assumptions, *conditions(robot)),
+        notes=(*bare.notes, *needs(prior, promised, absent)),
     )
 
 
-def _minutes_faults(minutes: float | None) -> Iterator[tuple[str, str]]:
+def check_ranges(minutes: float | None, shares: Sequence[float] | None = None, **counts: int | None) -> None:
+    """Refuse a time, shares of top speeds and counts that no plan may have, all at once."""
+    faults = []
     if minutes is not None and not 0.0 < minutes <= _LONGEST:
-        yield f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"
-
-
-def check_minutes(minutes: float) -> None:
-    """Refuse a time that no plan may take."""
-    refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in _minutes_faults(minutes)])
-
-
-def _check(minutes: float | None, shares: Sequence[float] | None, counts: dict[str, int | None]) -> None:
-    """Refuse numbers out of range, all at once."""
-    faults = list(_minutes_faults(minutes))
+        faults.append((f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"))
     if shares is not None and len(set(shares)) < 3:
-        faults.append(
-            (
-                f"{len(set(shares))} different speeds are too few",
-                "give three or more: fewer cannot tell whether friction grows evenly with speed",
-            )
-        )
+        mend = "give three or more: fewer cannot tell whether friction grows evenly with speed"
+        faults.append((f"{len(set(shares))} different speeds are too few", mend))
     faults += [
         (f"{share:g} is no share of a top speed", "give shares above 0 and at most 1, such as 0.1,0.3,0.8")
         for share in shares or ()

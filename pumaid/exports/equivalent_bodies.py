@@ -15,7 +15,7 @@ from pumaid.exports.formulas import Formulas, base_places
 from pumaid.exports.possible_bodies import possible
 from pumaid.maths import Flags, Floats
 from pumaid.model import minimal
-from pumaid.rigid_body import PARAMETERS, asked, regrouping, whole
+from pumaid.rigid_body import PARAMETERS, asked, of_bodies, regrouping, steiner, whole
 from pumaid.robot import Robot, turn_of_z
 from pumaid.simulation.virtual_robot import carried_moment, link_of
 from pumaid.trajectory import accelerations, highest_speeds
@@ -67,7 +67,7 @@ class Bodies:
     @property
     def tensors(self) -> Floats:
         """(J, 6) kg m2 about the centres of mass, in axes of the links: xx, xy, xz, yy, yz, zz."""
-        return self.parameters[:, 4:10] - _steiner(self.masses, self.centres)
+        return self.parameters[:, 4:10] - steiner(self.masses, self.centres)
 
     @property
     def rotors(self) -> Floats:
@@ -125,15 +125,7 @@ def bodies(formulas: Formulas, given: Mapping[int, float] | None) -> Bodies:
 def _balls(masses: Floats, centres: Floats, radius: Floats | float) -> Floats:
     """(J, 11) parameters of balls, without rotors."""
     tensors = np.outer(0.4 * masses * np.square(radius), [part[0] == part[1] for part in PARAMETERS[4:10]])
-    return np.column_stack(
-        [masses, masses[:, None] * centres, _steiner(masses, centres) + tensors, np.zeros(len(masses))]
-    )
-
-
-def _steiner(masses: Floats, centres: Floats) -> Floats:
-    """(J, 6) kg m2 that masses at their centres have about the origins."""
-    x, y, z = centres.T
-    return np.asarray(masses * [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]).T
+    return of_bodies(masses, centres, tensors)
 
 
 def _with_inertia(formulas: Formulas, torques: Floats, balls: Floats, *, carried: Floats) -> tuple[Floats, str, bool]:

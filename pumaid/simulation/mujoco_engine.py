@@ -45,7 +45,7 @@ def chain(
     Body ``link<k>`` carries joint ``joint<k>`` about (along) its z axis; frames and positions are those of the recipe.
     `links` and `joints` (J each) are more of their attributes: a body that moves must have a mass.
     """
-    mujoco = _engine()
+    mujoco = engine()
     spec = mujoco.MjSpec.from_string(_OPTIONS)
     bodies = [spec.worldbody]
     for joint, link, drive in zip(robot.joints, links, joints or [{}] * len(links), strict=True):
@@ -158,7 +158,7 @@ class RigidArm:
 
     def _build(self, truth: Truth) -> None:
         """The engine's model of the arm with these masses."""
-        self.truth, mujoco = truth, _engine()
+        self.truth, mujoco = truth, engine()
         self.model = specification(truth, step=self.step).compile()
         self.data = mujoco.MjData(self.model)
         self._begin, self._finish = mujoco.mj_step1, mujoco.mj_step2
@@ -227,7 +227,7 @@ class RigidArm:
     def _inertial_load(self) -> Floats:
         """(J,) A that the links' accelerations in the last step took of the motors, beside the motors' own inertia."""
         taken = np.zeros(self.model.nv)
-        _engine().mj_mulM(self.model, self.data, taken, self.data.qacc)
+        engine().mj_mulM(self.model, self.data, taken, self.data.qacc)
         return np.asarray(self._gain * ((taken - self.model.dof_armature * self.data.qacc) @ self._shares))
 
     def _hidden(self, kind: Kind) -> Floats:
@@ -236,7 +236,7 @@ class RigidArm:
 
     def inertia(self, position: Floats) -> Floats:
         """(J, J) kg m2 (kg, kg m): mass matrix at `position` (J,), motors' inertia included."""
-        mujoco, n = _engine(), self.model.nv
+        mujoco, n = engine(), self.model.nv
         data, out = mujoco.MjData(self.model), np.zeros((n, n))
         data.qpos[:] = position
         mujoco.mj_forward(self.model, data)
@@ -252,7 +252,7 @@ class RigidArm:
         return np.where(free < _ALONE * held, free, held)
 
 
-def _engine() -> Any:
+def engine() -> Any:
     """The module ``mujoco``, which writes no file about arms that are out of control."""
     import mujoco
 
