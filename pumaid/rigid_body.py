@@ -77,7 +77,9 @@ def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Flo
     return np.array([of_payload(payload) @ rows for rows in tip.rows(*motion)])
 
 
-def of_bodies(masses: Floats, centres: Floats, tensors: Floats | float = 0.0, rotors: Floats | float = 0.0) -> Floats:
+def of_bodies(
+    masses: Floats, centres: Floats, tensors: Floats | float = 0.0, *, rotors: Floats | float = 0.0
+) -> Floats:
     """(J, 11) parameters of links: (J,) kg, (J, 3) m of their centres, (J, 6) kg m2 about these, (J,) of rotors."""
     moments, rotors = steiner(masses, centres) + tensors, rotors + np.zeros(len(masses))
     return np.column_stack([masses, masses[:, None] * centres, moments, rotors])
