@@ -215,6 +215,7 @@ def asked(robot: Robot, parameters: Floats, motion: tuple[Floats, Floats, Floats
     return np.array([parameters.ravel()[-len(rows) :] @ rows for rows in whole(robot).rows(*motion)])
 
 
+@lru_cache(maxsize=32)
 def regrouping(robot: Robot) -> tuple[Floats, Floats]:
     """(P, 11 J) the sums of all parameters that take the place of the base parameters, before combinations of these.
 

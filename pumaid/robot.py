@@ -68,11 +68,6 @@ class Joint:
         return self.kind == "revolute"
 
     @property
-    def constant_unit(self) -> str:
-        """Unit of its torque or force constant."""
-        return "N m/A" if self.is_revolute else "N/A"
-
-    @property
     def position_unit(self) -> str:
         """``"rad"`` or ``"m"``."""
         return "rad" if self.is_revolute else "m"

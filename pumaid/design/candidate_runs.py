@@ -97,17 +97,12 @@ def home(robot: Robot) -> Floats:
 
     Where that, or much of the joints' ranges there, is forbidden, it is a posture that leaves more of them.
     """
-    return np.array(_stance(robot)[0])
-
-
-def free_ranges(robot: Robot) -> tuple[tuple[float, float], ...]:
-    """(J, 2) lowest and highest position of each joint while the others are at home, clear of what is forbidden."""
-    return _stance(robot)[1]
+    return np.array(stance(robot)[0])
 
 
 @lru_cache(maxsize=16)
-def _stance(robot: Robot) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...]]:
-    """Home, and what is free there."""
+def stance(robot: Robot) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...]]:
+    """Home (J,), and (J, 2) lowest and highest position of each joint with the others there, clear of the forbidden."""
     usual_spans = tuple(span(joint) for joint in robot.joints)
     low, high = np.array(usual_spans).T
     usual = np.where(robot.is_revolute & (low <= 0.0) & (high >= 0.0), 0.0, 0.5 * (low + high))
@@ -174,7 +169,7 @@ def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
     """
     middle = float(home(robot)[joint - 1])
     low, high = span(robot.joint(joint), middle)
-    ranges = dict.fromkeys([(low, high), free_ranges(robot)[joint - 1]])
+    ranges = dict.fromkeys([(low, high), stance(robot)[1][joint - 1]])
     result = dict.fromkeys(sweep for speed in at for ends in ranges for sweep in _sweeps(robot, joint, speed, ends))
     return tuple(result) or (Sweep(joint, _passed(middle, high, low, middle), min(at)),)
 

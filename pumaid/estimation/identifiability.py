@@ -307,7 +307,8 @@ class FittedParameters:
         is_known = self._partners(index) is None and two_sided(gain / max(error, 1e-300), dof) < RATIO_LEVEL
         for joint in model.robot.joints:
             inner, outer = sorted((joint.number, owner))
-            bare = Value(f"torque_constant.j{joint.number}", f"K{joint.number}", joint.number, joint.constant_unit)
+            unit = "N m/A" if joint.is_revolute else "N/A"
+            bare = Value(f"torque_constant.j{joint.number}", f"K{joint.number}", joint.number, unit)
             ratio = Value("", "", None, "", value=1.0) if inner == outer else self._ratio(inner, outer)
             if not is_known or not self.coverage[joint.number] or ratio.value is None:
                 why = {"reason": ratio.reason, "next_run": ratio.next_run} if is_known and ratio.reason else None

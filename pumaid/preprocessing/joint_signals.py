@@ -109,11 +109,6 @@ class JointSignals:
         return float(size) if self.jumps >= JUMPS and scatter < (ONE_SIZE * size) ** 2 else 0.0
 
     @property
-    def is_folded(self) -> bool:
-        """Whether positions turn back at zero at full speed and never pass it."""
-        return bool(self.bounces >= JUMPS and (self.lowest >= 0.0 or self.highest <= 0.0))
-
-    @property
     def is_impossible(self) -> bool:
         """Whether a joint that turns cannot have been where it is read to be: far beyond limits, or counted in ticks.
 

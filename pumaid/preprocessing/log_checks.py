@@ -15,6 +15,7 @@ from pumaid.errors import LogError, Note, Where
 from pumaid.preprocessing.joint_signals import (
     FEWEST_WAYS,
     FLAT_WINDOWS,
+    JUMPS,
     MOVED,
     RATIO_FINE,
     STRONG,
@@ -227,7 +228,8 @@ POSITION_CHECKS = (
     Check("units-disagree", _first(lambda j: j.is_impossible and not j.jump, mend=position_counts),
           "positions of joint {joint}{alike} run from {j.span}, where no joint can be: counts of an encoder, or in "
           "another unit", "{mend}", fault=True),
-    Check("sign-lost", _first(lambda j: j.is_folded and not (j.jump or j.is_impossible)),
+    Check("sign-lost", _first(lambda j: j.bounces >= JUMPS and max(j.lowest, -j.highest) >= 0.0
+                              and not (j.jump or j.is_impossible)),
           "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
           "lost", "write positions with their sign", fault=True),
 )  # fmt: skip

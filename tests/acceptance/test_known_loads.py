@@ -48,7 +48,7 @@ def carrying(monkeypatch) -> Callable[[bool], None]:
 def scores(estimate: Estimate, truth: Truth) -> dict[int, float]:
     """Joint -> errors by which its torque constant is off, of those that are identified."""
     values = {joint.number: estimate.value(f"torque_constant.j{joint.number}") for joint in truth.robot.joints}
-    assert all(value.unit == truth.robot.joint(joint).constant_unit for joint, value in values.items())
+    assert all((value.unit == "N/A") != truth.robot.joint(joint).is_revolute for joint, value in values.items())
     return {
         joint: (value.value - 1.0 / truth.gain[joint - 1]) / value.std_error
         for joint, value in values.items()

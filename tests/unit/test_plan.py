@@ -11,7 +11,7 @@ from menus import arm
 from searches import design
 
 from pumaid.cli.commands.experiments import ATTENTION
-from pumaid.design.candidate_runs import free_ranges, top_speed
+from pumaid.design.candidate_runs import stance, top_speed
 from pumaid.design.information import prior_robots
 from pumaid.design.plan import check_plan, plan
 from pumaid.diagnosis.discrimination import (
@@ -105,7 +105,7 @@ def test_every_joint_has_postures_speeds_and_spans(name):
         assert len({m.hold for m in runs}) >= 4 and len(speeds) >= 4
         assert speeds[0] <= speeds[-1] / 14.0
         assert speeds[-1] == pytest.approx(top_speed(arm(name), joint.number), rel=0.02)
-        wide = 0.75 * np.ptp(free_ranges(arm(name))[joint.number - 1])
+        wide = 0.75 * np.ptp(stance(arm(name))[1][joint.number - 1])
         assert len({m.hold for m in runs if abs(m.end - m.start) >= wide}) >= 2
         for hold in {m.hold for m in runs}:
             ways = [m.end - m.start for m in runs if m.hold == hold]
