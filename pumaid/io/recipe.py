@@ -271,6 +271,7 @@ class RecipeForm(StrictForm):
         "1 to 50 lines such as - {type: revolute, alpha: 0, a: 0, d: 0}, base to tip", min_length=1, max_length=50
     )
     units: dict[Literal["angle"], AngleUnit] = like("{angle: deg}", default={})
+    convention: Literal["modified", "standard"] = "modified"
     log: LogForm = like("its keys below it, indented", default=LogForm())
     effects: list[EffectForm] = like("[{effect: NAME, joint: 3}]", default=[])
     safety: SafetyForm = like(
@@ -302,6 +303,18 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
                 f"joint {number} takes part in coupling, and has no gear ratio",
                 "add gear_ratio: motor turns per joint turn",
             )
+    is_standard = form.convention == "standard"
+    rows = form.joints if is_standard else form.joints[::-1]  # in a table of the other kind the first may be zero
+    bends = [abs(math.sin(joint.alpha or 0.0)) > ROUNDING for joint in rows]
+    if {joint.type for joint in rows[:2]} == {"revolute"} and rows[0].a == 0.0 and bends[-1] > bends[0]:
+        first, kind = (1, "modified") if is_standard else (len(rows) - 1, "standard")
+        yield (
+            ("joints", first - is_standard, "alpha"),
+            f"joints {first} and {first + 1} turn about one line, since alpha and a between them are 0",
+            f"if the joints are a {kind} Denavit-Hartenberg table write convention: {kind}",
+        )
+    if is_standard and any(joint.placement for joint in form.joints):
+        yield ("convention",), "a joint with a placement is in no standard table", "place all joints in one way"
     log, taken = form.log, {*form.log.time}
     for key in QUANTITIES:
         template = getattr(getattr(log, key), "column", "")
@@ -347,7 +360,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         between=partial(faults_between, names=arm.names),
         once=_ANGLES,
     )
-    joints, turns = _joints(form.joints, arm.names)
+    joints, turns = _joints(form, arm.names)
     return Robot(
         form.name,
         joints,
@@ -359,16 +372,24 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         effect_lines=tuple(document.line_of(("effects", index)) for index in range(len(form.effects))),
         coupling=cast(dict[tuple[int, int], float], form.coupling),
         safety=_safety(form.safety, turns),
-        payloads={name: (load.mass, *load.at) for name, file in form.files.items() for load in file.values()},
+        payloads={
+            name: (load.mass, *_placed(load.at, turns[-1]))
+            for name, file in form.files.items()
+            for load in file.values()
+        },
     )
 
 
-def _joints(forms: Sequence[JointForm], names: Sequence[str]) -> tuple[tuple[Joint, ...], list[Floats]]:
+def _joints(arm: RecipeForm, names: Sequence[str]) -> tuple[tuple[Joint, ...], list[Floats]]:
     """The joints, and by link, the base first, the (4, 4) frame about whose z it moves in the one that is stated."""
-    joints, turns = [], [np.eye(4)]
-    for number, (form, name) in enumerate(zip(forms, names, strict=True), start=1):
+    joints, turns, before = [], [np.eye(4)], {"alpha": 0.0, "a": 0.0}
+    for number, (form, name) in enumerate(zip(arm.joints, names, strict=True), start=1):
         constants = form.model_dump(exclude={"type", "name", "placement", "log_name"}, exclude_none=True)
         turn = np.eye(4)
+        if arm.convention == "standard":  # a row's alpha and a lead from the line about which its joint moves
+            to_next = {key: constants[key] for key in before}
+            turn[:] = np.linalg.inv(Joint(number, name, form.type, **to_next).frame)
+            constants, before = constants | before, to_next
         if form.placement is not None:
             turn[:3, :3] = turn_of_z(form.placement.axis)
             frame = turns[-1].T @ placement(form.placement.xyz, form.placement.rpy) @ turn
@@ -382,21 +403,25 @@ def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:
     """Places in the links' frames are turned into frames about whose z the links move."""
     if not form.model_fields_set:
         return None
-
-    def placed(link: int, point: Point) -> Point:
-        x, y, z = (turns[link][:3, :3].T @ point).tolist()
-        return x, y, z
-
     return Safety(
         tuple(Box(box.name or f"box {k}", box.min, box.max) for k, box in enumerate(form.boxes, start=1)),
-        tuple(Sphere(ball.link, placed(ball.link, ball.centre), ball.radius) for ball in form.spheres),
-        None if form.tool is None else placed(len(turns) - 1, form.tool),
+        tuple(Sphere(ball.link, _placed(ball.centre, turns[ball.link]), ball.radius) for ball in form.spheres),
+        _placed(form.tool or (0.0, 0.0, 0.0), turns[-1]) if form.tool or turns[-1][:3, 3].any() else None,
         form.margin,
         tuple((min(pair), max(pair)) for pair in form.ignore),
         form.floor,
         tuple(sorted(form.links.items())),
-        tuple(Capsule(c.link, placed(c.link, c.start), placed(c.link, c.end), c.radius) for c in form.capsules),
+        tuple(
+            Capsule(c.link, _placed(c.start, turns[c.link]), _placed(c.end, turns[c.link]), c.radius)
+            for c in form.capsules
+        ),
     )
+
+
+def _placed(point: Point, turn: Floats) -> Point:
+    """A point (m) of a stated frame in the one about whose z the link moves, which is `turn` in the stated one."""
+    x, y, z, _ = (np.linalg.inv(turn) @ (*point, 1.0)).tolist()
+    return x, y, z
 
 
 def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
