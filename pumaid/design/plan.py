@@ -452,7 +452,7 @@ def check_plan(
 def _with_forecast(bare: Plan, planner: Planner, notes: Iterable[Note]) -> Plan:
     """A plan of runs with its forecast."""
     promised, arm = predicted_errors(planner.prior.robots, bare.motions, planner.names), planner.robot
-    noted = replace(bare, notes=(*notes, *unusable_notes(arm, bare)))
+    noted = replace(bare, notes=(*notes, *unusable_notes(arm, bare)), assumptions=())
     unseen = dict.fromkeys(parameter_names(arm, planner.names), "no run of this plan shows it")
     return with_forecast(noted, planner.prior, promised, unseen=unseen, absent=planner.absent)
 

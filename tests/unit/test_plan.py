@@ -228,10 +228,11 @@ def test_the_papers_plan_lacks_what_diagnosis_needs():
 
 
 def test_the_planners_plan_is_as_promised():
-    """The same seed gives the same errors, duration and reasons for what is dark, and nothing asks for attention."""
+    """The same seed gives the same errors, duration, assumptions and reasons, and nothing asks for attention."""
     wanted = pendulums()
     found = check_plan(PENDULUM, replace(wanted, expected={}, unseen={}, notes=()), seed=1)
     assert (found.expected, found.unseen, found.duration) == (wanted.expected, wanted.unseen, wanted.duration)
+    assert found.assumptions == wanted.assumptions
     assert found.efficiency == pytest.approx(wanted.efficiency, abs=0.02)
     assert not {note.slug for note in found.notes} & set(ATTENTION)
 
