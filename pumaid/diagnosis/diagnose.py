@@ -508,7 +508,7 @@ class DiagnosisBuilder:
 
     def _facts(self, candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
         """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
-        term, falls = candidate.trial.added, candidate.falls
+        term, falls = candidate.trial.added, candidate.left_out()
         option = option_text(term.effect.name, term.joint, term.shape)
         keys = dict.fromkeys(rival.key for rival in rivals if rival.key != term.key)
         return {

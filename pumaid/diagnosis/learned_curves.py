@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
@@ -39,10 +40,12 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     """
     last, added = search.solved(search.added), list(search.added)
     there = [item for item in search.accepted if _chiefly(item) == joint]
+    if not is_unexplained and len(there) < 2:
+        return None
     rest = [term for term in added if not any(term is item.trial.added for item in there)]
     bare, best = search.solved(rest, last.noises, beside=added), None
     usual = _gain(bare, last, _terms(there))
-    if not is_unexplained and (len(there) < 2 or _best(bare, joint)[1] <= usual + DECISIVE):
+    if not is_unexplained and _best(bare, joint)[1] <= usual + DECISIVE:
         return None
     for on in (last, bare) if there and is_unexplained else (bare,):
         form = _best(on, joint)[0]
@@ -107,7 +110,7 @@ def _judged(
         before,
         min(1.0, len(before.joints) * min(tried, default=1.0)),
         more,
-        leave_out(before, (curve,), replicate_folds(before, [joint]), prior=prior),
+        cache(partial(leave_out, before, (curve,), replicate_folds(before, [joint]), prior=prior)),
         {joint: rmse(row.bins, row.misfit)},
         {joint: rmse(row.bins, misfit[joint])},
         transfer=confirmed_share(after, curve, unseen) if unseen else None,

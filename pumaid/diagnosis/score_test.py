@@ -74,9 +74,8 @@ class ScoreTable:
         """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
         parts = []
         for row in self.solved.joints:
-            runs, live = len(row.bins.runs), np.flatnonzero(row.jacobian.any(axis=0))
-            jacobian = row.jacobian.T[live].T
-            used = float(np.sum((jacobian.T @ jacobian) * self.solved.inverse[np.ix_(live, live)]))
+            runs, (acting, derivatives) = len(row.bins.runs), row.acting
+            used = float(np.sum((derivatives @ derivatives.T) * self.solved.inverse[np.ix_(acting, acting)]))
             parts.append(np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs))))
         return np.concatenate(parts)
 

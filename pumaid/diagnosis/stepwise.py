@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from pumaid.diagnosis.score_test import (
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, Family, catalogue
 from pumaid.errors import ModelError
-from pumaid.estimation.fit import Fit, Projector, at_bins, loaded, with_loads
+from pumaid.estimation.fit import Fit, FitRow, Projector, at_bins, loaded, with_loads
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
@@ -48,6 +49,8 @@ EXACT = 1e-9
 #: Shapes within this share are one where a joint may have an effect several times. Share of a statistic that a law
 #: which is not exact may lack.
 SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
+#: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew.
+MOVED = 0.1
 #: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
 #: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called
 #: unexplained.
@@ -59,7 +62,7 @@ class EvaluatedCandidate:
     """A candidate at its best shape, and the fit that it was tried on.
 
     `p_value` is family-wise, `evidence` twice the gain in log likelihood less what its parameters would gain by chance.
-    `falls` is what leaving runs out says, `before` and `after` (A) are the
+    `left_out` works out, when first asked, what leaving runs out says, `before` and `after` (A) are the
     RMSE of the fitted samples by joint that it touches, `transfer` says how much of it runs held out showed once it had
     been added, `rivals` are those which these data cannot tell from it, once it was added.
     """
@@ -68,7 +71,7 @@ class EvaluatedCandidate:
     on: Fit
     p_value: float
     evidence: float
-    falls: FoldLosses
+    left_out: Callable[[], FoldLosses]
     before: dict[int, float]
     after: dict[int, float]
     transfer: Transfer | None = None
@@ -92,7 +95,7 @@ class EvaluatedCandidate:
     @property
     def predicts(self) -> bool:
         """Whether it lowers the error of runs that were left out, steadily."""
-        return self.falls.falls.sum() > 0.0 and self.falls.steadiness > STEADY
+        return self.left_out().falls.sum() > 0.0 and self.left_out().steadiness > STEADY
 
     @property
     def fault(self) -> str | None:
@@ -204,6 +207,7 @@ class Stepwise:
         self._first, self._settling = fit_bins(model, self._bins[0]), settling(self._bins[0])
         self._latest: tuple[list[EffectTerm], Fit] | None = None
         self._like: Fit | None = None
+        self._examined: list[tuple[EffectTerm, Sequence[Floats]]] = []
         self.denied: list[EvaluatedCandidate] = []
         self.added, self.steps, self.accepted = list(given), list[Step](), list[EvaluatedCandidate]()
 
@@ -244,7 +248,13 @@ class Stepwise:
     ) -> Fit:
         """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
         model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self._bins, [*added, *beside])
-        fitted = refit(self._first, model, bins=bins, noise=noises, like=self._like)
+        fitted = refit(
+            self._first,
+            model,
+            bins=bins,
+            noise=noises,
+            like=self._latest[1] if noises and self._latest else self._like,
+        )
         if noises is None:
             self._like = fitted
         return fitted
@@ -378,7 +388,7 @@ class Stepwise:
         """
         out = []
         for other in evaluated:
-            is_good = other.predicts and not (other.transfer is not None and other.transfer.is_denied)
+            is_denied = other.transfer is not None and other.transfer.is_denied
             is_mixed = (
                 {x.trial.added.effect.family for x in (chosen, other)} == {Family.LOAD, Family.POSITION}
                 and other.key[1] == chosen.key[1]
@@ -386,7 +396,7 @@ class Stepwise:
                 and other.trial.statistic > ALMOST * chosen.trial.statistic
             )
             lead = 0.0 if is_mixed else chosen.log_odds - other.log_odds
-            if other.key == chosen.key or not is_good or lead > DECISIVE:
+            if other.key == chosen.key or is_denied or lead > DECISIVE or not other.predicts:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
@@ -417,7 +427,7 @@ class Stepwise:
         before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
         after = {joint: rmse(on.by_bin[joint].bins, residual) for joint, residual in residuals.items()}
         shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
-        falls = leave_out(on, (*shapes, trial.added), replicate_folds(on, sorted(after)))
+        falls = cache(partial(leave_out, on, (*shapes, trial.added), replicate_folds(on, sorted(after))))
         return EvaluatedCandidate(
             trial, on, chance, evidence(on, trial), falls, before, after, transfer=self._denial(trial.added)
         )
@@ -431,11 +441,19 @@ class Stepwise:
         return None
 
     def _exchange(self) -> None:
-        """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there."""
-        place, chances = len(self.given), self.steps[-1].family
-        while place < len(self.added) - 1:
-            current, rest = self.added[place], [*self.added[:place], *self.added[place + 1 :]]
-            solved = self.solved(rest, self.solved(self.added).noises)
+        """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there.
+
+        Not at one in whose joints what is left has hardly moved since it was looked at.
+        """
+        chances = self.steps[-1].family
+        for current in self.added[len(self.given) : -1]:
+            place, whole = self.added.index(current), self.solved(self.added)
+            rows = [row for row in whole.joints if current.touches(row.bins.joint)]
+            before = next((misfits for term, misfits in self._examined if term is current), ())
+            if before and all(map(_is_unmoved, rows, before)):
+                continue
+            self._examined.insert(0, (current, [row.misfit for row in rows]))
+            solved = self.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises)
             again = score_at(Projector(self._where_it_shows(solved, current)), current)
             if again is None or chances.p_value(current.key, again.surprise(solved.scale)) > LEVEL:
                 del self.added[place], self.accepted[place - len(self.given)]
@@ -449,7 +467,11 @@ class Stepwise:
                 better = self._judged(table, top, solved, chances=chances)
                 if better is not None:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
-            place += 1
+
+
+def _is_unmoved(row: FitRow, before: Floats) -> bool:
+    """Whether a joint's fit leaves what it left `before` (A) but for a square below `MOVED` once whitened."""
+    return len(row.misfit) == len(before) and bool(np.sum(row.noise.whiten(row.bins, row.misfit - before) ** 2) < MOVED)
 
 
 def _noises(fitted: Fit) -> dict[int, NoiseModel]:

@@ -239,11 +239,16 @@ def columns(
         return out
     codes, used = _compiled(formula, names)
     joints = {name: int(values["on"]) if name.endswith("_on") else owner for name in used - set(values)}
-    space = {name: QUANTITIES[name](robot, samples, joint) for name, joint in joints.items()}
+    space = {name: _quantity(name, robot, samples, joint) for name, joint in joints.items()}
     for place, code in enumerate(codes):
         if code is not None:
             out[:, place] = eval(code, {"__builtins__": {}, **FUNCTIONS}, space | dict(values))
     return out
+
+
+@lru_cache(maxsize=8)  # asked for again with every shape of an effect
+def _quantity(name: str, robot: Robot, samples: Samples, owner: int) -> Any:
+    return QUANTITIES[name](robot, samples, owner)
 
 
 @lru_cache(maxsize=512)

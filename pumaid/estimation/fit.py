@@ -121,8 +121,13 @@ class FitRow:
     @property
     def rmse(self) -> float:
         """RMSE (A) of the samples; within bins the prediction is taken for a straight line."""
-        count = self.bins.count
-        return float(np.sqrt(count @ (self.misfit**2 + self.bins.inside_left(self.drawn)) / count.sum()))
+        return float(np.sqrt(np.average(self.bins.squares(self.misfit), weights=self.bins.count)))
+
+    @cached_property
+    def acting(self) -> tuple[Counts, Floats]:
+        """(p,) numbers of the parameters and ratios that act here, and (p, N) the whitened derivatives by them."""
+        numbers = np.flatnonzero(self.jacobian.any(axis=0))
+        return numbers, self.jacobian.T[numbers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,16 +355,9 @@ class Projector:
     def base_scores(self) -> Floats:
         """(R, P) score of each run for the fit's parameters."""
         out = np.zeros((sum(len(row.bins.runs) for row in self.solved.joints), len(self.solved.inverse)))
-        for joint, (acting, derivatives) in self.acting.items():
-            row = self.solved.by_bin[joint]
-            out[self.runs[joint], acting] = row.bins.products(row.residual, derivatives.T)
+        for row in self.solved.joints:
+            out[self.runs[row.bins.joint], row.acting[0]] = row.bins.products(row.residual, row.acting[1].T)
         return out
-
-    @cached_property
-    def acting(self) -> dict[int, tuple[Counts, Floats]]:
-        """Joint -> (p,) numbers of the parameters and ratios that act there, and (p, N) its derivatives by them."""
-        numbers = {row.bins.joint: np.flatnonzero(row.jacobian.any(axis=0)) for row in self.solved.joints}
-        return {joint: (n, self.solved.by_bin[joint].jacobian.T[n]) for joint, n in numbers.items()}
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
         """Joint -> (N, V) columns (A per unit) of one effect with several shapes, side by side, where it acts.
@@ -399,7 +397,7 @@ class Projector:
         """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
         out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
         for joint, columns in white.items():
-            acting, derivatives = self.acting[joint]
+            acting, derivatives = self.solved.by_bin[joint].acting
             out[acting] += derivatives @ columns
         return out
 
@@ -416,7 +414,7 @@ class Projector:
         scores, gram = np.zeros((len(self.base_scores), count * width)), np.zeros((count, width, width))
         cross = np.zeros((len(self.solved.inverse), count, width)) if steps else self.crossed(white)
         for joint, columns in white.items():
-            row, (acting, derivatives) = self.solved.by_bin[joint], self.acting[joint]
+            row, (acting, derivatives) = self.solved.by_bin[joint], self.solved.by_bin[joint].acting
             by_run = row.bins.products(row.residual, columns)
             if not steps:
                 scores[self.runs[joint]] = by_run

@@ -111,7 +111,9 @@ def _row(
         terms = [[term for term in part.effects if term.touches(bins.joint)] for part in (like.model, model)]
         if terms[0] == terms[1] and not any(term.needs_loads for term in terms[0]):
             old = old.in_columns(like.model.names, model.names)
-            if noise in (None, old.inner):
+            if noise is None or all(
+                np.array_equal(getattr(noise, part), getattr(old.inner, part)) for part in ("correlation", "spread")
+            ):  # a level that runs share is taken out of what they are reduced to
                 return old
             design = old.design
     design = design_of(model, bins, before) if design is None else design
