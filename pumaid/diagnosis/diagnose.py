@@ -45,7 +45,7 @@ from pumaid.diagnosis.stepwise import (
     rmse,
 )
 from pumaid.effect_spec import EffectTerm, option_text, terms_of
-from pumaid.effects import Family, Samples, catalogue
+from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
 from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate, JointFit
@@ -403,8 +403,8 @@ class DiagnosisBuilder:
 
             next_run = deciding(rival.on, candidate.trial, rival.trial)
         fit, keys = self.fits[-1], [effect.key for effect in self.fits[-1].model.effects]
-        if term.joint is None and term.key in keys:
-            # An effect of the whole arm moves gain ratios, which a score follows to first order only.
+        if term.effect.scope is not Scope.JOINT and term.key in keys:
+            # What several joints feel moves gravity and gain ratios, which a score follows to first order only.
             index = keys.index(term.key)
             columns = [n for n in fit.columns_of(index) if fit.model.columns[n].shape is None]
             facts["sizes"] = sizes(

@@ -25,7 +25,7 @@ class Counterbalance(Effect):
     family = Family.TORQUE
     prior_odds = RARE
     seen_in = "runs of its joint over the whole span, in postures that change the joint's load"
-    look_alikes = ("spring", "tilt", "ripple", "flexibility")
+    look_alikes = ("spring", "tilt", "ripple", "flexibility", "backlash")
     linear = (Parameter("a", "A", "force times lever, as current", "a{n}", 0.3),)
     nonlinear = (
         Shape("length", "1", "lever over the distance of the foot from the axis", 0.02, 0.98, 0.4, starts=LEVERS),

@@ -21,7 +21,7 @@ class Flexibility(Effect):
     family = Family.GRAVITY
     trace = (Trace.POSITION, Trace.LOAD)
     seen_in = "runs under much and little load: stretched and folded postures, a payload"
-    look_alikes = ("counterbalance", "zero_offset", "spring")
+    look_alikes = ("counterbalance", "zero_offset", "spring", "backlash")
     linear = (Parameter("c", "rad/A", "deflection per current of the load", "c{n}", 0.01, -1.0, 1.0),)
     not_sliding = "its load does not change with its own position"
     only_loaded = True

@@ -18,5 +18,5 @@ class Spring(Effect):
     family = Family.TORQUE
     prior_odds = RARE
     seen_in = "runs over the joint's whole span, in postures of much and little load"
-    look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility")
+    look_alikes = ("counterbalance", "tilt", "ripple", "presliding", "flexibility", "backlash")
     linear = (Parameter("a", "A/{unit}", "stiffness, as current", "a{n}", 0.1),)

@@ -399,6 +399,35 @@ def test_flexibility(name, joint):
     assert_first_order(c * columns("flexibility", world, seen)[:, 0], change, world, seen)
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+@pytest.mark.parametrize(("name", "joint"), [("puma", 2), ("puma", 3), ("pendulum", 1)])
+def test_backlash(name, joint, share):
+    """A link that falls through its gap where its weight beats the friction beyond it, and else is pushed along.
+
+    Moved there and back step by step, it draws what the column says, but on the way through the gap.
+    """
+    world, way, gap = World.of(name), np.linspace(-2.0, 2.0, 1601), 2.0 * SMALL
+    q, direction = np.concatenate([way, way[-2::-1]]), np.repeat([1.0, -1.0], [1601, 1600])
+    position, side = np.full((len(q), world.robot.n_joints), 0.3), np.sign(world.gains[joint - 1])
+    position[:, joint - 1] = q
+    load = side * world.currents(position)[:, joint - 1]
+    rub = 0.2 * np.abs(load).max()
+    link, places = position.copy(), [q[0]]
+    for at, pull in zip(q, np.where(np.abs(load) > share * rub, -np.sign(load), 0.0), strict=True):
+        places.append(np.clip(at + pull * gap if pull else places[-1], at - gap / 2.0, at + gap / 2.0))
+    link[:, joint - 1] = places[1:]
+    rests = np.isclose(np.abs(link - position)[:, joint - 1], gap / 2.0, rtol=1e-6)
+    velocity = np.where(np.arange(world.robot.n_joints) == joint - 1, direction[:, None], 0.0)
+    samples = Samples(joint, position, velocity, direction=direction)
+    (model, solution), names = world.fitted(), world.fitted()[0].names
+    solution[[names.index(f"coulomb.j{joint}.{sign}") for sign in ("plus", "minus")]] = side * rub, -side * rub
+    seen = replace(samples, loads=loads(model, samples, solution=solution, scales=world.scales))
+    found = side * gap * columns("backlash", world, seen, shape={"share": share})[:, 0]
+    change = (world.currents(link) - world.currents(position))[:, joint - 1]
+    assert rests.mean() > 0.99 and np.abs(np.diff(np.sign(link - position)[rests, joint - 1])).sum() > 2.0
+    assert_first_order(found[rests], change[rests], world, seen)
+
+
 @pytest.mark.parametrize(("name", "joint"), JOINTS)
 def test_delay(name, joint):
     """The current of a moment ago beside the position of now is what the column adds."""

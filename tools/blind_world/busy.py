@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from blind_world.effects import CATALOGUE, OUTSIDE, backlash, fastest, line, snag
+from blind_world.effects import CATALOGUE, OUTSIDE, fastest, line, snag
 from blind_world.hidden import Hidden, Strokes, Unfit
 from blind_world.motion import FREE, FULL, STROKES, THIN
 from blind_world.world import World
@@ -16,7 +16,7 @@ DESIGNS: dict[str, tuple[tuple[float, ...], int]] = {
     THIN: ((100.0, 200.0, 400.0), 6),
     FREE: ((100.0, 200.0, 400.0, 1000.0), 6),
 }
-BUILDERS = CATALOGUE | OUTSIDE | {"backlash": backlash, "snag": snag}
+BUILDERS = CATALOGUE | OUTSIDE | {"snag": snag}
 #: Chances of zero to five effects at a joint.
 COUNTS = (0.3, 0.2, 0.2, 0.15, 0.1, 0.05)
 #: Each effect's weight in the draw, and its smallest and largest size: of the load (1), rad, of a spring's largest,

@@ -220,6 +220,20 @@ def flexibility(at: Strokes, rng: np.random.Generator) -> Hidden:
     return _of_weight("flexibility", at.joint, torque, largest=0.06 / most, freedoms=1)
 
 
+def backlash(at: Strokes, rng: np.random.Generator) -> Hidden:
+    """Play of the gear: the link rests on the side to which its load pushes it."""
+    at.turning()
+    world, unit = at.world, np.eye(at.world.arm.n)[at.joint]
+    still = weight(world, world.model)
+    if np.abs(still[:, at.joint]).max() < 0.05:
+        raise Unfit("the joint carries no load")
+
+    def torque(play: float) -> Floats:
+        return weight(world, world.model, -0.5 * play * np.sign(still[:, [at.joint]]) * unit) - still
+
+    return _of_weight("backlash", at.joint, torque, largest=0.0175, freedoms=1)
+
+
 def coupling(at: Strokes, rng: np.random.Generator) -> Hidden:
     """Wrist gears in each other: motor `on` also carries a share of the joint's load."""
     world, pairs = at.world, {5: 4, 4: 3} if rng.random() < 0.7 else {5: 3}
@@ -346,18 +360,6 @@ def snag(at: Strokes, rng: np.random.Generator) -> Hidden:
     return at.effect("snag", column, at.dry, at=place, side=side)
 
 
-def backlash(at: Strokes, rng: np.random.Generator) -> Hidden:
-    """Play of the gear: the link rests on the side to which its load pushes it, and is felt at its own joint."""
-    at.turning()
-    world, unit = at.world, np.eye(at.world.arm.n)[at.joint]
-    still = weight(world, world.model)
-    if np.abs(still[:, at.joint]).max() < 0.05:
-        raise Unfit("the joint carries no load")
-    sagging = weight(world, world.model, -1e-3 * np.sign(still[:, [at.joint]]) * unit) - still
-    column = dense(world, sagging)[at.rows, at.joint] * 500.0 * world.arm.gain[at.joint]
-    return at.effect("backlash", column, 0.0175, unit="rad")
-
-
 def viscous_of_position(at: Strokes, rng: np.random.Generator) -> Hidden:
     """Grease that is thicker at some positions: viscous friction in one or two waves a turn."""
     at.turning()
@@ -426,7 +428,7 @@ def _by_name(*builders: Builder) -> dict[str, Builder]:
 CATALOGUE = _by_name(
     *(stribeck, viscous_power, load_friction, side_load_friction, position_friction, presliding, warmup),
     *(thermal_friction, friction_step, spring, counterbalance, ripple),
-    *(tilt, zero_offset, payload, flexibility, coupling, torque_constant_drift, torque_droop, saturation),
+    *(tilt, zero_offset, payload, flexibility, backlash, coupling, torque_constant_drift, torque_droop, saturation),
     *(delay, inertia),
 )
 #: Physics that no catalogue has: what a diagnosis must call unexplained, or explain to the noise.
