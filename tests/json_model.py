@@ -32,6 +32,7 @@ def current(document: dict, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
             "exp": np.exp,
             "sqrt": np.sqrt,
             "abs": abs,
+            "sign": np.sign,
             "max": max,
         }
         out[i] = load[i] + base + sum(eval(one["formula"], functions | names) for one in terms)

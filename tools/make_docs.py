@@ -37,7 +37,6 @@ Tables go to standard output; progress, notes and where files went go to standar
 HEAD_EFFECTS = """# Effects
 
 Generated from the effects themselves by `make docs`; do not edit.
-It is what `pumaid effects` lists: the physics that a model can have.
 An effect is linear in its parameters once its shape is given; shapes are searched for, or given.
 
 | name | meaning |

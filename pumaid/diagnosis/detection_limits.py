@@ -105,5 +105,7 @@ def _limit(robot: Robot, effect: Effect, key: Key, size: float) -> Limit:
     first = effect.parameters(robot, key[1] or 0)[0]
     if size < ABSURD * (abs(first.example) or 1.0):
         return Limit(*key, first.name, size, first.unit)
-    best = f"; it is seen best in {effect.seen_in}" if effect.seen_in else ""
-    return Limit(*key, first.name, None, first.unit, FAINT + best)
+    return Limit(
+        *(*key, first.name, None, first.unit),
+        FAINT + (f"; it is seen best in {effect.seen_in}" if effect.seen_in else ""),
+    )

@@ -386,8 +386,13 @@ class DiagnosisBuilder:
         if any(bins.joint == joint for bins in unseen):
             before, after = (rmse_of(fit, unseen, joint) for fit in (made.before, made.after))
             facts |= {"rmse_heldout_before": before, "rmse_heldout_after": after}
-        curves, why = (self._curve(made.candidate, joint),), reason(made.candidate)
-        return Finding(**facts, verdict=ADD, reason=why, curves=curves, transfer=made.candidate.transfer)
+        return Finding(
+            **facts,
+            verdict=ADD,
+            reason=reason(made.candidate),
+            curves=(self._curve(made.candidate, joint),),
+            transfer=made.candidate.transfer,
+        )
 
     def finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
         """What to add, the `place`-th (from 0) that was found."""

@@ -1,25 +1,22 @@
 """Backlash: the link rests on the side to which its load pushes it."""
 
-from pumaid.effects import Effect, Family, Parameter, Scope, Shape, Trace
+from pumaid.effects import Effect, Family, Parameter, Scope, Shape
 
 
 class Backlash(Effect):
-    """The link of joint m stands half of the play behind where the motor's sensor says, on the loaded side of the gear.
+    """The link of joint m stands half of the play behind where the motor's sensor says, away from how the gear presses.
 
-    The gear presses by gravity's load, load_owner, and by the `share` of friction that is on the link's side, which
-    goes with the direction of the motion. Where their sum changes its sign the link crosses the play; where it never
-    does, this is a shifted zero. slope_owner is the slope of a joint's gravity load by m's position: every joint that
-    feels that feels the play.
+    It presses by gravity's load and by the `share` of friction beyond it, which goes with the motion. Every joint that
+    feels m's position feels it. Where the press never changes its sign, this is a shifted zero.
     """
 
     formula = "-0.5 * play * slope_owner * sign(load_owner + share * friction_owner)"
     source = (
         "M. Nordin and P.-O. Gutman, Controlling mechanical systems with backlash - a survey, Automatica 38 (2002)"
-        " 1633-1649, with stiff teeth and at low speed"
+        " 1633-1649, stiff teeth"
     )
     scope = Scope.CAUSE
     family = Family.GRAVITY
-    trace = (Trace.POSITION, Trace.LOAD)
     seen_in = "runs both ways through positions at which the load changes its sign"
     look_alikes = ("flexibility", "zero_offset", "counterbalance", "spring")
     opposes_motion = True

@@ -203,7 +203,7 @@ MEANING = {
     " is load_i and load_M that of joint M, shaft_M the v of joint M, drawn is load_i + base_i, slope_M the"
     " derivative of load_i by q_M, tilt_x and tilt_y are (z_i x (g x e)) . F_i with e the base's x or y and"
     " F_i = sum over j >= i of felt[i][j] h_j (of a slide -(z_i . (g x e)) mass_i), across is |M - z_i (z_i ."
-    " M)| with M = g x F_i (of a slide 0); ** is a power",
+    " M)| with M = g x F_i (of a slide 0); ** is a power, sign -1, 0 or 1",
     "curves": "learned curves, a row each: lowest and highest value of the variable x, then coefficients a of cubic"
     f" B-splines; curve(row, x) with u = {SEGMENTS} times x's share of the range (0 to 1), i = floor(u) but at most"
     f" {SEGMENTS - 1}, t = u - i, s = 1 - t is (s^3 a_i + (3 t^3 - 6 t^2 + 4) a_i+1 + (3 s^3 - 6 s^2 + 4) a_i+2 + t^3"
