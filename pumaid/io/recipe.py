@@ -456,7 +456,8 @@ def find_recipe(given: Path | None, logs: Sequence[Path] = ()) -> Path:
         "recipe-not-found",
         what,
         Where(),
-        f"name one with --recipe {(*named, 'FILE')[0]}, or write one with: pumaid init puma560 -o recipe.yaml",
+        f"name one, as --recipe {(*named, 'ur5e')[0]} (pumaid init --list has all), or write one: pumaid init asks, or"
+        " pumaid init --urdf arm.urdf",
     )
 
 

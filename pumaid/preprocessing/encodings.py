@@ -18,6 +18,12 @@ EMPTY_BELOW, MISSED = 0.1, 0.02
 #: Share of the largest value below which a value without sign is next to zero.
 NEXT_TO_ZERO = 0.02
 
+#: Integers of 16 bits that were read as others are written, and what they are then.
+MISREAD = {
+    **dict.fromkeys(("int16", "uint16-two-complement"), "sign-bit-15"),
+    "sign-bit-15": "uint16-two-complement",
+}
+
 #: rad or m, and a second, beyond which a position leaps, and samples to either side by which it is told how it moved.
 JUMP, LEAP, BESIDE = 1.0, 50.0, 8
 #: rad/s2 or m/s2; no arm turns back so suddenly. Share by which speeds before and after may differ.

@@ -14,7 +14,7 @@ from pumaid.io.column_names import log_block
 from pumaid.io.log_form import preset_formats
 from pumaid.io.log_reader import factor_of
 from pumaid.maths import Floats
-from pumaid.preprocessing.encodings import lost_sign
+from pumaid.preprocessing.encodings import MISREAD, lost_sign
 from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
 from pumaid.robot import Joint, LogFormat, Robot
 from pumaid.units import UNITS, factor, number
@@ -85,9 +85,18 @@ class JointSignals:
 
     @cached_property
     def lost_sign(self) -> tuple[str, str]:
-        """How the sign of a current was lost that is never negative where a joint moves both ways; and its encoding."""
-        is_bothways = min(self.ahead, self.windows - self.ahead) >= FEWEST_WAYS
-        return lost_sign(self.sizes, self.least_change) if is_bothways and self.least_current >= 0.0 else ("", "")
+        """What is wrong with a current whose sign was lost where a joint moves both ways; and its encoding."""
+        if min(self.ahead, self.windows - self.ahead) < FEWEST_WAYS:
+            return "", ""
+        if self.least_current < 0.0:
+            # What is small and below zero comes out as large as the integer goes, and nothing between.
+            meaning = self.sums.robot.log.conversion("current", self.joint.number)
+            top = 2.0**15 * meaning.step * abs(factor_of(self.sums.robot, "current", self.joint))
+            is_far = 0.9 * top < self.least_negative <= top and self.most_current < 0.1 * top
+            looks = MISREAD.get(meaning.encoding, "") if is_far else ""
+            return looks and f"is negative only beyond {self.least_negative:.4g} A, and looks like {looks}", looks
+        what, encoding = lost_sign(self.sizes, self.least_change)
+        return what and f"is never negative although it moves both ways, and looks like {what}", encoding
 
     @property
     def is_ampere(self) -> bool:
@@ -215,7 +224,7 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
     scale = angle * factor("deg") / counts
     is_unlike = any(abs(j.ratio * scale / abs(size) - 1.0) > RATIO_FINE for j, size in turning if j.integral)
     plain = replace(plain, velocity=None) if is_unlike else plain
-    mend = _preset(sums.robot, scale, zero)
+    mend = _preset(signals_of(sums), scale, zero)
     return mend or paste(f"if {words[0]}{more}", plain, "position", scale=scale, zero=float(zero))
 
 
@@ -238,22 +247,27 @@ def _encoders(
                 break
 
 
-def _preset(robot: Robot, scale: float, zero: float) -> str:
-    """A mend by the presets with these columns, if any, whose positions count so (rad a count, count at zero)."""
+def _preset(signals: Sequence[JointSignals], scale: float, zero: float) -> str:
+    """A mend by the presets with these columns, if any, whose positions count so (rad a count, count at zero).
+
+    And whose currents have their sign where these show it.
+    """
+    robot, signs = signals[0].sums.robot, {j.lost_sign[1].replace("uint16-two-complement", "int16") for j in signals}
     log, names, formats = robot.log, list[str](), preset_formats(robot)
     for name, other in formats.items():
         by_preset, meaning = replace(robot, log=other), other.conversion("position", 1)
-        is_so = abs(factor_of(by_preset, "position", robot.joints[0]) / scale - 1.0) < 1e-3 and meaning.zero == zero
+        is_so = (
+            abs(factor_of(by_preset, "position", robot.joints[0]) / scale - 1.0) < 1e-3
+            and meaning.zero == zero
+            and signs <= {"", other.conversion("current", 1).encoding}
+        )
         names += [name] if is_so and (other.position, other.current) == (log.position, log.current) else []
     firsts = {repr(formats[name]): name for name in reversed(names)}  # of one with several names the first
     names = [name for name in names if name in firsts.values()]
     lines = [f"  preset: {name}" for name in names[:1]] + [f"  time: {json.dumps(log.time, ensure_ascii=False)}"]
     lines += ["  velocity: null"] if log.velocity is None else []
-    return (
-        _PASTE.format(f"if your servos are {names[0]} (or of preset {listed(names[1:])})", "\n".join(["log:", *lines]))
-        if names
-        else ""
-    )
+    alike = f" (or of preset {listed(names[1:])})" if names[1:] else ""
+    return _PASTE.format(f"if your servos are {names[0]}{alike}", "\n".join(["log:", *lines])) if names else ""
 
 
 def _fits(joint: Joint, ends: Floats) -> bool:
@@ -268,11 +282,12 @@ def current_encoding(signals: Sequence[JointSignals]) -> str:
     if len(encodings) != 1:
         return "write it with its sign"
     encoding, j = encodings.popitem()
-    steps = [j.least_change / abs(factor_of(sums.robot, "current", j.joint))]
-    log, step = sums.robot.log, float(f"{np.median(steps):.6g}")
+    step = float(f"{j.least_change / abs(factor_of(sums.robot, 'current', j.joint)):.6g}")
+    log, scale = sums.robot.log, factor_of(sums.robot, "position", sums.robot.joints[0])
     if encoding == "sign-bit-10" and step == 1.0 and log.units.get("current", "A") == "A":
         log = replace(log, units={**log.units, "current": "permille"})  # as servos tell their load
-    return paste("if so", log, "current", encoding=encoding, step=step)
+    by_preset = _preset(signals_of(sums), scale, log.conversion("position", 1).zero)
+    return by_preset or paste("if so", log, "current", encoding=encoding, step=step)
 
 
 def paste(condition: str, log: LogFormat, quantity: str, **more: Any) -> str:

@@ -275,8 +275,7 @@ OTHER_CHECKS = (
           "name the column of the measured current; if there is none remove this one, the joint is then left out",
           column="current", fault=True),
     Check("sign-lost", _first(lambda j: j.is_measured and j.lost_sign[0], mend=current_encoding),
-          "the current of joint {joint}{alike} is never negative although it moves both ways, and looks like "
-          "{j.lost_sign[0]}", "{mend}", column="current", fault=True),
+          "the current of joint {joint}{alike} {j.lost_sign[0]}", "{mend}", column="current", fault=True),
     Check("current-saturated", _each(lambda j: j.is_measured and j.flat_top),
           "current of joint {joint} is at its limit, {j.flat_top[0]} A, in {j.flat_top[1]} of {j.moving:.0f} moving "
           "samples", "it is cut off by the drive or the sensor; slower runs stay below", column="current"),

@@ -28,14 +28,14 @@ VELOCITIES, OFTEN = 0.5, 0.3
 FLAT = 3
 #: Totals of which the least or the largest of two parts counts, and what they begin with; all others add up from 0.
 EXTREMES: dict[str, tuple[np.ufunc, float]] = {
-    **dict.fromkeys(("lowest", "least_current", "least_step", "least_change"), (np.fmin, math.inf)),
+    **dict.fromkeys(("lowest", "least_current", "least_negative", "least_step", "least_change"), (np.fmin, math.inf)),
     **dict.fromkeys(("highest", "most_current"), (np.fmax, -math.inf)),
 }
 #: Totals of each joint.
 TOTALS = (
     *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
     *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
-    *("ahead", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
+    *("ahead", "least_negative", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
 )
 
 
@@ -50,11 +50,11 @@ class LogStatistics:
         often repeats, and there ``step_sum``, ``step_count``, ``least_step`` of its steps other than 0 (rad or m);
         ``least_current``, ``most_current`` (J,) A while moving, and samples with a current, ``moving``; ``pairs`` of
         neighbours while moving, those with the ``same`` current, windows in which all are, ``flat``, and ``zeros``
-        while moving, in windows with other currents; windows moved ``ahead``; the ``least_change`` (A) of currents and
-        (J, C) counts of their ``sizes`` while moving; ``jumps`` of positions that move on, their ``jump_sum`` and
-        ``jump_squares``, and ``bounces`` at zero; ``products`` (2J, 2J) over windows of displacements and integrated
-        velocity columns; ``copied``, ``compared`` (J, J) windows in which the mean currents of two joints are the same
-        and not zero, and that have both.
+        while moving, in windows with other currents; windows moved ``ahead``; the ``least_negative`` size below zero
+        and the ``least_change`` (A) of currents, and (J, C) counts of their ``sizes`` while moving; ``jumps`` of
+        positions that move on, their ``jump_sum`` and ``jump_squares``, and ``bounces`` at zero; ``products`` (2J, 2J)
+        over windows of displacements and integrated velocity columns; ``copied``, ``compared`` (J, J) windows in which
+        the mean currents of two joints are the same and not zero, and that have both.
     groups
         By joint (from 0) and posture of the others, over windows in which it moves alone, (4 + J, 4 + J) sums of
         products of (1, cos, sin, direction, all mean currents).
@@ -159,7 +159,9 @@ class LogStatistics:
         counts, zeros = _counts(moving, starts), _counts(moving & (current == 0.0), starts)
         flat, zeros = (low == high) & (counts >= FLAT), np.where(zeros < counts, zeros, 0)
         change = np.abs(np.diff(current))[both & ~same]
-        self._add(j, least_change=change.min(initial=math.inf))
+        self._add(
+            j, least_change=change.min(initial=math.inf), least_negative=-values[values < 0].max(initial=-math.inf)
+        )
         self._add(j, least_current=low.min(), most_current=high.max(), flat=flat.sum(), zeros=zeros.sum())
         sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
         self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]

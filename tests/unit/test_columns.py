@@ -126,6 +126,27 @@ def test_lost_signs_are_mended_by_the_block_of_their_refusal(tmp_path: Path, for
     np.testing.assert_allclose(read(path, pasted(error)).current, 1e-3 * step * counts, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("true", "wrong", "ampere"), [("feetech-sts", "dynamixel-x", 0.0065), ("dynamixel-x", "feetech-sts", 0.00269)]
+)
+def test_the_preset_of_servos_is_that_whose_sign_the_currents_show(
+    tmp_path: Path, true: str, wrong: str, ampere: float
+) -> None:
+    """Both makers' columns are alike: the block offered reads their currents, and the other maker's is refused."""
+    time, q, current = motion()
+    q = q * min(1.0, 2.2 / np.abs(q).max())
+    counts = np.round(3.0 * current / ampere).astype(np.int16)
+    raw = np.abs(counts.astype(int)) + 32768 * (counts < 0) if true == "feetech-sts" else counts.view(np.uint16)
+    ticks = np.round(q * 4096 / 2 / np.pi).astype(int) + 2048
+    names = "timestamp,present_position_1,present_position_2,present_current_1,present_current_2"
+    path = table(tmp_path / "log.csv", names, time, ticks, raw)
+    columns = "log: {time: timestamp, position: 'present_position_{joint}', current: 'present_current_{joint}'}"
+    for error in (refused(path, robot(columns)), refused(path, robot(f"log: {{preset: {wrong}}}"))):
+        assert f"preset: {true}" in error.mend
+        np.testing.assert_allclose(read(path, pasted(error)).current, ampere * counts, atol=1e-9)
+    assert error.slug == "sign-lost"
+
+
 def test_position_whose_sign_is_two_s_complement(tmp_path: Path) -> None:
     """Ticks below zero that stand as 65,535 and less are refused, and read with their encoding."""
     time, q, current = motion()

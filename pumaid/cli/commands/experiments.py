@@ -77,8 +77,8 @@ def init(
         )
     target = output or Path("recipe.yaml")
     path = target / "recipe.yaml" if target.is_dir() else target
-    text = _recipe_text(name, joints) if urdf is None else ""
     spare_inputs([path], [urdf], new=() if force else (path,))
+    text = _recipe_text(name, joints) if urdf is None else ""
     facts: dict[str, Any] = {}
     if urdf is not None:
         made = UrdfRecipe(urdf, base=base, tip=tip)
@@ -99,7 +99,7 @@ def init(
         return
     if urdf is not None:
         show(axes_table(robot))
-    remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then: pumaid plan {path}")
+    remark(f"wrote {path}: {robot.name}, {robot.n_joints} joints; check it, then pumaid identify or pumaid plan {path}")
 
 
 def _recipe_text(name: str | None, joints: int | None) -> str:
