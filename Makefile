@@ -2,7 +2,7 @@
 PYTHON ?= .venv/bin/python
 SOURCES := pumaid tests tools
 
-.PHONY: help check fix test fast bench peers docs samples ci
+.PHONY: help check fix test fast bench peers docs site samples ci
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,6 +32,9 @@ peers: ## time identifications beside figaroh, aurt and mujoco.sysid, which it i
 
 docs: ## write docs/commands.md, docs/effects.md and the sessions in README.md
 	$(PYTHON) tools/make_docs.py
+
+site: ## build the documentation site (needs the extra `site`)
+	$(PYTHON) -m mkdocs build
 
 samples: ## write sample_logs/ anew
 	$(PYTHON) tools/make_samples.py

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ import readme_commands
 ROOT = Path(__file__).parents[2]
 
 TEXT = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "pumaid").rglob("*.py"))
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MESSAGES = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
 HEADINGS = re.findall(r"^## (.+)$", MESSAGES, re.MULTILINE)
@@ -93,6 +94,20 @@ def test_index_names_every_page():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     pages = [str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md") if page.name != "index.md"]
     assert [page for page in pages if f"({page})" not in index] == []
+
+
+def test_the_site_shows_every_page_once():
+    """The menu of mkdocs.yml names every document, and nothing that is not there."""
+    menu = re.findall(r"- (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(menu) == sorted(page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md"))
+
+
+def test_the_citation_is_of_this_version():
+    """CITATION.cff and the package state one version and one address."""
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {project['version']}\n" in citation
+    assert f"\nrepository-code: {project['urls']['Homepage']}\n" in citation
 
 
 def test_readme_explains_exit_codes():
