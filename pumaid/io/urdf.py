@@ -3,7 +3,7 @@
 import hashlib
 import math
 import shlex
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,7 +12,7 @@ import numpy as np
 
 from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_number, yaml_text, yaml_vector
-from pumaid.io.recipe import SIZES, is_joint_name, parsed_recipe, recipe_text
+from pumaid.io.recipe import SIZES, WIDEST_UNSTATED, is_joint_name, parsed_recipe, recipe_text
 from pumaid.maths import Floats
 from pumaid.robot import placement, roll_pitch_yaw
 
@@ -22,6 +22,8 @@ MAX_BYTES, MAX_JOINTS = 20_000_000, 50
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
 FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 FREE_FALL = 9.80665
+#: rad and rad/s: limits and speeds of a turning joint beyond these are in degrees; no arm's turn 2000 deg/s.
+WIDEST = (WIDEST_UNSTATED, 36.0)
 _XACRO = "; of a xacro file make a URDF first: xacro FILE > arm.urdf"
 
 
@@ -269,8 +271,8 @@ def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> No
 
 def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
     """The joints' lines of the recipe, and notes on names, limits and speeds that are missing or unusable."""
-    lines, names, lacking = [], list[str](), list[str]()
-    frame = np.eye(4)
+    lines, names, frame = [], list[str](), np.eye(4)
+    lacking = defaultdict[str, list[str]](list)
     for joint in path:
         frame = frame @ joint.frame()
         if not joint.moves:
@@ -288,14 +290,28 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
             f"placement: {{xyz: {yaml_vector(frame[:3, 3])}, rpy: {rpy}, axis: {unit}}}"
         )
         low, high, speed = (joint.numbers("limit", key, "inf", count=1)[0] for key in ("lower", "upper", "velocity"))
-        farthest, (slowest, fastest, _) = SIZES["limits", is_rail][1], SIZES["max_velocity", is_rail]
-        has_limits, has_speed = -farthest <= low < high <= farthest, slowest <= speed <= fastest
+        farthest, fastest = (SIZES[key, True][1] for key in ("limits", "max_velocity")) if is_rail else WIDEST
+        has_limits, has_speed = (
+            -farthest <= low < high <= farthest,
+            SIZES["max_velocity", is_rail][0] <= speed <= fastest,
+        )
         line += f", limits: {yaml_vector((low, high))}" if has_limits and joint.kind != "continuous" else ""
         line += f", max_velocity: {yaml_number(speed)}" if has_speed else ""
         lines.append(f"{{{line}}}")
-        lacking += [] if is_name else [f"a name of {name} other than {joint.name!r}"]
-        lacking += [] if has_limits or joint.kind == "continuous" else [f"limits of {name}"]
-        lacking += [] if has_speed else [f"the highest speed of {name}"]
+        unit = "mm" if is_rail else "degrees"
+        if not has_limits and joint.kind != "continuous":
+            lacking["limits"].append(name + _as_stated((low, high), farthest, unit))
+        lacking["speed"] += [] if has_speed else [name + _as_stated((speed,), fastest, f"{unit}/s")]
+        lacking["name"] += [] if is_name else [f"{name} ({joint.name!r})"]
+        is_weak = _attribute(joint.element, "limit", "effort", "1").strip("0.") == ""
+        lacking["effort (without use here)"] += [name] * is_weak
         frame = np.eye(4)
-    text = f"the URDF states nothing that a recipe can hold for {listed(lacking)}: put the arm's own into the recipe"
-    return lines, [Note("urdf-incomplete", text)] if lacking else []
+    text = "; ".join(f"{what} of {listed(several)}" for what, several in lacking.items() if several)
+    text = f"the file lacks, or has impossible, {text}. Put the arm's own into the recipe, or plans take usual ones"
+    return lines, [Note("urdf-incomplete", text)] * any(lacking.values())
+
+
+def _as_stated(values: Sequence[float], most: float, unit: str) -> str:
+    """What a file states that cannot be, in brackets, and the unit that it may be in; nothing where it states none."""
+    doubt = f", in {unit}?" * (max(map(abs, values)) > most)
+    return f" ({' to '.join(f'{value:g}' for value in values)}{doubt})" if all(map(math.isfinite, values)) else ""

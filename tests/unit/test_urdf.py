@@ -52,6 +52,35 @@ def test_limits_and_speeds(made, limit, kind, limits, speed, n_notes) -> None:
     assert [note.slug for note in recipe.notes] == ["urdf-incomplete"] * bool(n_notes)
 
 
+@pytest.mark.parametrize(
+    ("limit", "kind", "told"),
+    [
+        (
+            'lower="-170" upper="170" velocity="180"',
+            "revolute",
+            "limits of j1 (-170 to 170, in degrees?); speed of j1 (180",
+        ),
+        ('lower="-3" upper="3" velocity="180"', "revolute", "speed of j1 (180, in degrees/s?)"),
+        (
+            'lower="0" upper="500" velocity="900"',
+            "prismatic",
+            "limits of j1 (0 to 500, in mm?); speed of j1 (900, in mm/s?)",
+        ),
+        ('lower="1" upper="1" velocity="1"', "revolute", "limits of j1 (1 to 1)"),
+        ('lower="-3" upper="3" velocity="0"', "revolute", "speed of j1 (0)"),
+        ('lower="-3" upper="3" velocity="1" effort="0.0"', "revolute", "effort (without use here) of j1"),
+        ('lower="-6.2832" upper="12.5" velocity="35" effort="1"', "revolute", ""),
+        ('lower="0" upper="0" velocity="1"', "continuous", ""),
+    ],
+)
+def test_limits_that_make_no_sense_are_told_as_they_stand(made, limit, kind, told) -> None:
+    """Degrees in a file of radians, millimetres, and what bounds nothing; what a fast arm has is kept."""
+    recipe = made(serial_text([Stated(kind, limit=f"<limit {limit}/>")]))
+    assert [told in note.text for note in recipe.notes] == [True] * bool(told)
+    if "limits" in told:
+        assert recipe.robot.joints[0].limits is None
+
+
 def test_axis_and_origin(made) -> None:
     """-z of any length turns the other way; without axis it is x, without origin zero."""
     robot = made(serial_text([Stated(axis=(0, 0, -250.0))])).robot
