@@ -8,7 +8,7 @@ import numpy as np
 
 from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.errors import ModelError, Where, meant
-from pumaid.estimate import Estimate
+from pumaid.estimate import GIVEN, Estimate
 from pumaid.maths import Floats
 from pumaid.robot import ALL, SHAPE_WORDS, EffectChoice, Robot, read_choice, worded
 
@@ -294,3 +294,15 @@ def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectC
                 raise ModelError("effect-shape", what, where, mend)
         out.append(replace(choice, joint=number or None))
     return out
+
+
+def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
+    """The effects of a model as they were chosen: shapes that were fitted are open again."""
+    given = {value.name for value in estimate.values if value.state == GIVEN}
+    out = []
+    for choice in estimate.effects:
+        prefix = f"{choice.effect}." if choice.joint is None else f"{choice.effect}.j{choice.joint}."
+        whole = catalogue()[choice.effect].chosen(choice.shape)
+        shape = {name: value for name, value in choice.shape.items() if name in whole or prefix + name in given}
+        out.append(replace(choice, shape=shape))
+    return tuple(out)

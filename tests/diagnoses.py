@@ -60,6 +60,8 @@ def stribeck() -> Finding:
         command="pumaid identify logs/ --add stribeck@3",
         rmse_heldout_before=0.033,
         rmse_heldout_after=0.0155,
+        forecast=0.0155,
+        forecast_error=0.0004,
         sizes=(Size("stribeck.j3.a", 0.12, 0.011, "A"),),
         next_run=next_run(),
         curves=(curve(),),

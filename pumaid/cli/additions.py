@@ -10,10 +10,10 @@ from typing import Any
 from pumaid.cli.output import effect_files, notes, progress, remark, show
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.records import ADD, DIAGNOSIS_NAME, Diagnosis, Finding, read_diagnosis
-from pumaid.effect_spec import option_text
+from pumaid.effect_spec import option_text, reopened
 from pumaid.effects import catalogue
 from pumaid.errors import ResultError
-from pumaid.estimate import GIVEN, Estimate
+from pumaid.estimate import Estimate
 from pumaid.experiment import Experiment, check_logs
 from pumaid.reporting.diagnosis import left_out_sentence, step_sentence
 from pumaid.reporting.table import Paragraph
@@ -95,18 +95,6 @@ def with_commands(
         joints=tuple(replace(joint, candidates=pasted(joint.candidates)) for joint in diagnosis.joints),
         findings=pasted(diagnosis.findings),
     )
-
-
-def reopened(estimate: Estimate) -> tuple[EffectChoice, ...]:
-    """The effects of a model as they were chosen: shapes that were fitted are open again."""
-    given = {value.name for value in estimate.values if value.state == GIVEN}
-    out = []
-    for choice in estimate.effects:
-        prefix = f"{choice.effect}." if choice.joint is None else f"{choice.effect}.j{choice.joint}."
-        whole = catalogue()[choice.effect].chosen(choice.shape)
-        shape = {name: value for name, value in choice.shape.items() if name in whole or prefix + name in given}
-        out.append(replace(choice, shape=shape))
-    return tuple(out)
 
 
 def added(

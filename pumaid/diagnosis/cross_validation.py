@@ -1,13 +1,13 @@
 """What runs that are left out of a fit, or were never in it, say of a candidate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.diagnosis.records import Transfer
+from pumaid.diagnosis.records import ADD, DOUBTFUL, Finding, Transfer
 from pumaid.effect_spec import EffectTerm
-from pumaid.estimation.fit import Fit, Projector, elsewhere
+from pumaid.estimation.fit import Fit, Projector, elsewhere, with_loads
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Floats, inverse_root, pseudo_inverse
 
@@ -145,3 +145,28 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
     along = (sums[0] - held @ turned[0]) / square
     error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
     return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)
+
+
+def rmse_of(fit: Fit, heldout: Sequence[JointBins]) -> tuple[float, float | None]:
+    """RMSE (A) of runs that were not fitted, and its standard error as runs differ from each other; None of one run."""
+    parts = list[Floats]()
+    for bins in heldout:
+        factors = np.nan_to_num(fit.model.factors(fit.scales(), bins.joint))
+        drawn = fit.model.at_nodes(bins, with_loads(fit, bins, at_nodes=True).loads) @ (factors * fit.values)
+        misfit = bins.current - bins.averaged(drawn)
+        square = misfit**2 + bins.inside_left(bins.current - misfit, bins.variance(drawn))
+        parts.append(np.column_stack([bins.sums(bins.count * square), bins.sums(bins.count)]))
+    squares, counts = np.vstack(parts).T
+    rmse, runs = float(np.sqrt(squares.sum() / counts.sum())), len(counts)
+    spread = float(np.linalg.norm(squares - rmse**2 * counts) / counts.sum() / np.sqrt(1.0 - 1.0 / max(runs, 2)))
+    return rmse, spread / max(2.0 * rmse, np.finfo(float).tiny) if runs > 1 else None
+
+
+def forecast(finding: Finding, before: Fit | None, after: Fit | None, *, unseen: Sequence[JointBins]) -> Finding:
+    """A finding with the error of runs that were not fitted, without and with it; doubtful where that does not fall."""
+    if before is None or after is None:
+        return replace(finding, verdict=DOUBTFUL, reason="a fit with it goes astray")
+    without, (rmse, error) = rmse_of(before, unseen)[0], rmse_of(after, unseen)
+    if rmse >= without and finding.verdict == ADD:
+        finding = replace(finding, verdict=DOUBTFUL, reason="it does not lower the error of runs that were held out")
+    return replace(finding, rmse_heldout_before=without, rmse_heldout_after=rmse, forecast=rmse, forecast_error=error)

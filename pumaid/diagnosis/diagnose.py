@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,9 +12,10 @@ import numpy as np
 from pumaid.dataset import CONSTANT, STROKE, Dataset, Run, first_motions
 from pumaid.diagnosis.candidates import Candidates, Suspect
 from pumaid.diagnosis.compare import budget
+from pumaid.diagnosis.cross_validation import forecast
 from pumaid.diagnosis.detection_limits import detection_limits
 from pumaid.diagnosis.free_forms import FORM_VARIABLES, FreeForm, free_form_scores, knot_values
-from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer, rmse_of
+from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer
 from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
@@ -44,19 +46,20 @@ from pumaid.diagnosis.stepwise import (
     misfit_with,
     rmse,
 )
-from pumaid.effect_spec import EffectTerm, option_text, terms_of
+from pumaid.effect_spec import EffectTerm, expanded, option_text, reopened, terms_of
 from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, ModelError, Note, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit, Projector
 from pumaid.estimation.noise import FEWEST_PAIRS
+from pumaid.estimation.nonlinear import effect_bins, fit_effects
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import held_out_otherwise
 from pumaid.results.documents import check_same_recipe, model_digest
-from pumaid.robot import SHAPE_WORDS, Robot
+from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 
 #: How a command that adds an effect begins; whoever knows the logs puts them in.
 IDENTIFY = "pumaid identify LOGS"
@@ -340,12 +343,6 @@ def free_shape(
     return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
 
 
-def _rmse_of(fit: Fit, unseen: Sequence[JointBins]) -> float:
-    """RMSE (A) of runs that no fit saw."""
-    squares = [bins.count @ bins.squares(fit.at(bins).misfit) for bins in unseen]
-    return float(np.sqrt(sum(squares) / sum(float(bins.count.sum()) for bins in unseen)))
-
-
 class DiagnosisBuilder:
     """Everything that a finished search (after `Stepwise.run`) has to say."""
 
@@ -373,35 +370,39 @@ class DiagnosisBuilder:
             self.offers += [made] if (made := offer(search, joint, is_unexplained=is_open)) else []
         self.stand_ins = {item for made in self.offers for item in made.stand_ins}
 
-    def findings(self) -> tuple[Finding, ...]:
-        """What should be added, curves last; effects that only stood in for a curve are none."""
-        accepted = enumerate(self.search.accepted)
-        effects = [self.finding(place, item) for place, item in accepted if item not in self.stand_ins]
-        return (*effects, *(self._learned(made) for made in self.offers))
+    def findings(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> tuple[Finding, ...]:
+        """What should be added to a model of `runs` that has effects, curves last, without what only stood in for one.
 
-    def _learned(self, made: CurveOffer) -> Finding:
-        """A curve as what to add."""
-        joint, unseen = made.candidate.trial.added.joint or 0, self.search.heldout()
-        facts = self._facts(made.candidate, ())
-        if any(bins.joint == joint for bins in unseen):
-            before, after = (rmse_of(fit, unseen, joint) for fit in (made.before, made.after))
-            facts |= {"rmse_heldout_before": before, "rmse_heldout_after": after}
-        return Finding(
-            **facts,
-            verdict=ADD,
-            reason=reason(made.candidate),
-            curves=(self._curve(made.candidate, joint),),
-            transfer=made.candidate.transfer,
-        )
+        The command of each adds those before it, too, and its forecast is what held-out runs show of just that model.
+        """
+        search, out, head, before = self.search, list[Finding](), IDENTIFY, None
+        chosen = [*(x for x in search.accepted if x not in self.stand_ins), *(made.candidate for made in self.offers)]
+        terms = [item.trial.added for item in chosen]
+        heldout = effect_bins(self.robot, search.unseen, [*search.given, *terms], begun=search.begun)
+        for candidate, term in zip(chosen, terms, strict=True):
+            finding, unseen = self.finding(candidate), [bins for bins in heldout if bins.joint in candidate.after]
+            if finding.command:  # else it is a suspected column, which nothing adds
+                more, after = (*choices, EffectChoice(*term.key, term.effect.chosen(term.shape))), None
+                if unseen:
+                    before = before or self._identified(choices, runs)
+                    after = self._identified(more, runs)
+                    finding = forecast(finding, before, after, unseen=unseen)
+                finding = replace(finding, command=finding.command.replace(IDENTIFY, head, 1))
+                if finding.verdict == ADD:
+                    choices, head, before = more, finding.command, after
+            out.append(finding)
+        return tuple(out)
 
-    def finding(self, place: int, candidate: EvaluatedCandidate) -> Finding:
-        """What to add, the `place`-th (from 0) that was found."""
+    def _identified(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> Fit | None:
+        """The model with some effects as `identify` fits it; None where it would refuse that."""
+        with suppress(ModelError):
+            return fit_effects(self.search.model, runs, expanded(choices, self.robot), begun=self.search.begun).fit
+        return None
+
+    def finding(self, candidate: EvaluatedCandidate) -> Finding:
+        """What to add, without what runs held out will show."""
         term, transfer = candidate.trial.added, candidate.transfer
         facts = self._facts(candidate, candidate.rivals)
-        unseen = [bins for bins in self.search.heldout() if bins.joint in candidate.after]
-        if unseen:
-            fits = (self.fits[min(k, len(self.fits) - 1)] for k in (place, place + 1))
-            facts["rmse_heldout_before"], facts["rmse_heldout_after"] = (_rmse_of(fit, unseen) for fit in fits)
         rival, next_run = next((rival for rival in candidate.rivals if rival.on is candidate.on), None), None
         if rival is not None:
             from pumaid.diagnosis.discrimination import deciding  # loads the engine of collisions
@@ -587,7 +588,7 @@ def diagnose(
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
-        findings=builder.findings(),
+        findings=builder.findings(reopened(estimate), fitted),
         model=Digest(model_digest(estimate)),
         logs={facts.name: facts.digest for facts in dataset.files},
         notes=(*causes, *held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),

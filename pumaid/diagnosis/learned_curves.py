@@ -7,7 +7,7 @@ from functools import cache, partial
 import numpy as np
 
 from pumaid.diagnosis.candidates import Candidates
-from pumaid.diagnosis.cross_validation import confirmed_share, leave_out, replicate_folds
+from pumaid.diagnosis.cross_validation import confirmed_share, leave_out, replicate_folds, rmse_of
 from pumaid.diagnosis.free_forms import free_form_scores
 from pumaid.diagnosis.records import Size
 from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, score_at, sign_flips
@@ -21,12 +21,11 @@ from pumaid.joint_bins import JointBins
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CurveOffer:
-    """A curve that explains a joint, the fits of what the model would have without and with it, and the effects that
-    had been added for what it explains."""
+    """A curve that explains a joint, the fit of what the model would have without it, and the effects that had been
+    added for what it explains."""
 
     candidate: EvaluatedCandidate
     before: Fit
-    after: Fit
     stand_ins: tuple[EvaluatedCandidate, ...]
 
 
@@ -65,10 +64,10 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     _, more, curve, staying, before = best
     after = search.solved([*rest, *_terms(staying), curve])
     candidate = _judged(before, after, curve, more, unseen=search.heldout())
-    worse = rmse_of(after, search.heldout(), joint) > rmse_of(last, search.heldout(), joint)
-    if candidate.fault is not None or worse:
+    unseen = [bins for bins in search.heldout() if bins.joint == joint]
+    if candidate.fault is not None or (unseen and rmse_of(after, unseen)[0] > rmse_of(last, unseen)[0]):
         return None
-    return CurveOffer(candidate, before, after, tuple(item for item in there if item not in staying))
+    return CurveOffer(candidate, before, tuple(item for item in there if item not in staying))
 
 
 def _best(on: Fit, joint: int) -> tuple[EffectTerm, float]:
@@ -115,13 +114,6 @@ def _judged(
         {joint: rmse(row.bins, misfit[joint])},
         transfer=confirmed_share(after, curve, unseen) if unseen else None,
     )
-
-
-def rmse_of(fit: Fit, unseen: Sequence[JointBins], joint: int) -> float:
-    """RMSE (A) of runs of a joint that no fit saw; 0 where there are none."""
-    chosen = [bins for bins in unseen if bins.joint == joint]
-    squares = [bins.count @ bins.squares(fit.at(bins).misfit) for bins in chosen]
-    return float(np.sqrt(sum(squares) / max(sum(float(bins.count.sum()) for bins in chosen), 1.0)))
 
 
 def curve_size(candidate: EvaluatedCandidate) -> tuple[Size, ...]:

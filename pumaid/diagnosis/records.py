@@ -104,13 +104,17 @@ class Candidate:
 class Finding(Candidate):
     """What the user should add: a candidate, and what would tell it from its rivals.
 
-    `rmse_heldout_before` and `_after` (A) are of runs that no fit saw, `transfer` says how much of the effect these
-    show, where they can. `curves` let it be seen, one for each joint whose current it changes most.
+    Its command adds the findings before it, too. `forecast` (A) is the RMSE, with its standard error (None of one run),
+    that this gives in the runs held out of the joints in which the effect acts; `rmse_heldout_before` and `_after` are
+    of these runs, too. Without such runs it is None, and they are cross-validated. `transfer` says how much of the
+    effect these runs show, where they can. `curves` let it be seen, one for each joint whose current it changes most.
     """
 
     next_run: NextRun | None = None
     curves: tuple[Curve, ...] = ()
     transfer: Transfer | None = None
+    forecast: float | None = None
+    forecast_error: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

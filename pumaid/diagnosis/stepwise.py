@@ -193,7 +193,7 @@ class Stepwise:
         unseen: Sequence[Run] = (),
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.model, self.runs, self.given, self.tell = model, runs, list(given), tell
+        self.model, self.runs, self.unseen, self.begun, self.tell = model, runs, unseen, begun, tell
         self.effects = [
             effect for effect in (effects or tuple(catalogue().values())) if not (effect.base or effect.is_free)
         ]
@@ -208,8 +208,8 @@ class Stepwise:
         self._latest: tuple[list[EffectTerm], Fit] | None = None
         self._like: Fit | None = None
         self._examined: list[tuple[EffectTerm, Sequence[Floats]]] = []
-        self.denied: list[EvaluatedCandidate] = []
-        self.added, self.steps, self.accepted = list(given), list[Step](), list[EvaluatedCandidate]()
+        self.given, self.added = list(given), list(given)
+        self.steps, self.accepted, self.denied = list[Step](), list[EvaluatedCandidate](), list[EvaluatedCandidate]()
 
     def heldout(self) -> tuple[JointBins, ...]:
         """Bins of runs that are not fitted: the finest of joints that have a periodic effect, else coarse ones."""

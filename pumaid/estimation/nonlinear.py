@@ -16,7 +16,7 @@ from pumaid.estimation.gls import Progress, fit_bins, refit, releveled, with_err
 from pumaid.joint_bins import COARSE, FINE, JointBins, extent, joint_bins
 from pumaid.maths import Floats
 from pumaid.model import Model
-from pumaid.robot import EffectChoice
+from pumaid.robot import EffectChoice, Robot
 from pumaid.units import number
 
 Point = dict[str, float]
@@ -322,7 +322,7 @@ def fit_effects(
     runs: Sequence[Run],
     choices: Sequence[EffectChoice],
     *,
-    begun: FirstMotions,
+    begun: FirstMotions | None,
     recursive: bool = False,
     progress: Progress | None = None,
 ) -> EffectFit:
@@ -337,11 +337,7 @@ def fit_effects(
     shape.
     """
     wanted = terms_of(choices)
-    fine, binned = {term.joint for term in wanted if term.effect.periodic is not None}, list[JointBins]()
-    for limit, is_fine in ((COARSE, False), (FINE, True)):  # the finest at joints that have a periodic effect
-        part = [run for run in runs if (run.joint in fine) == is_fine]
-        binned += joint_bins(model.robot, part, most=limit, begun=begun, is_settled=False, finest=fine)
-    work = EffectFit(model, sorted(binned, key=lambda part: part.joint), wanted)
+    work = EffectFit(model, effect_bins(model.robot, runs, wanted, begun=begun), wanted)
     if not choices:
         work.fit = fit_bins(model, work.bins, recursive=recursive, progress=progress)
         return work
@@ -367,6 +363,17 @@ def fit_effects(
     work.fit = start if recursive else replace(with_errors(work.fit), first=start.first)
     check_better(before, work.fit, [term.effect.name for term in wanted])
     return work
+
+
+def effect_bins(
+    robot: Robot, runs: Sequence[Run], terms: Sequence[EffectTerm], *, begun: FirstMotions | None
+) -> list[JointBins]:
+    """The bins of each joint that moves, by which a model with some effects is fitted: where it ripples the finest."""
+    fine, binned = {term.joint for term in terms if term.effect.periodic is not None}, list[JointBins]()
+    for limit, is_fine in ((COARSE, False), (FINE, True)):
+        part = [run for run in runs if (run.joint in fine) == is_fine]
+        binned += joint_bins(robot, part, most=limit, begun=begun, is_settled=False, finest=fine)
+    return sorted(binned, key=lambda part: part.joint)
 
 
 def check_better(before: Mapping[int, float], fitted: Fit, names: Sequence[str]) -> None:

@@ -124,7 +124,11 @@ def finding_sentences(finding: Finding, diagnosis: Diagnosis, robot: Robot, *, u
     before, after = finding.rmse_heldout_before, finding.rmse_heldout_after
     if before is not None and after is not None:
         less = f" ({percent(1.0 - after / before)} less)" if 0.0 < after < before else ""
-        out.append(f"RMSE of runs that were not fitted: {amperes(before)} without it, {amperes(after)} with it{less}.")
+        runs = "Cross-validated RMSE" if finding.forecast is None else "RMSE of runs that were not fitted"
+        with_it = (
+            " ± ".join(with_error(after, finding.forecast_error)) + " A" if finding.forecast_error else amperes(after)
+        )
+        out.append(f"{runs}: {amperes(before)} without it, {with_it} with it{less}.")
     transfer = finding.transfer
     if transfer is not None and transfer.is_clear:
         share = f"{number(100.0 * transfer.share, 2)} ± {number(100.0 * transfer.std_error, 1)} %"

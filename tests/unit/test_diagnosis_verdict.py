@@ -11,7 +11,7 @@ from worlds import PENDULUM
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.cross_validation import confirmed_share
+from pumaid.diagnosis.cross_validation import confirmed_share, forecast, rmse_of
 from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose, joint_verdict
 from pumaid.diagnosis.free_forms import FORMS, forms, free_form_scores, knot_values, variable
 from pumaid.diagnosis.records import ADD, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
@@ -23,7 +23,8 @@ from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit, elsewhere
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins, joint_bins
-from pumaid.reporting.diagnosis import size_sentence
+from pumaid.reporting.diagnosis import finding_sentences, size_sentence
+from pumaid.robot import read_choice
 from pumaid.simulation import Hidden
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
@@ -262,7 +263,7 @@ def sizes_found(hidden: Hidden):
     lab = Lab.of(LEVER, design(LEVER, postures=3), hidden)
     search = Stepwise(lab.model, lab.noisy(2, Din(spread=0.004, level=0.002)))
     search.run()
-    return DiagnosisBuilder(search).finding(0, search.accepted[0]).sizes
+    return DiagnosisBuilder(search).finding(search.accepted[0]).sizes
 
 
 def test_of_gear_losses_the_weight_leaves_only_the_sum():
@@ -388,3 +389,51 @@ def test_shares_of_a_load_that_gravity_absorbs_are_told_by_their_sum():
     (size,) = finding.sizes
     assert (finding.effect, finding.joint, size.name) == ("load_friction", 1, "drive + back")
     assert abs(size.value - 0.2) < 3.0 * size.std_error < 0.1
+
+
+@cache
+def busy() -> tuple[Dataset, Diagnosis]:
+    """A pendulum of which the tip has three effects at once; held out are another posture and other speeds."""
+    hidden = [
+        Hidden("ripple", 2, {"cos": 0.05, "sin": 0.0, "frequency": 21.0}),
+        Hidden("position_friction", 2, {"cos": 0.08, "sin": 0.0, "harmonic": 1}),
+        Hidden("ripple", 2, {"cos": 0.0, "sin": 0.03, "frequency": 9.0}),
+    ]
+    late = Lab.of(PENDULUM, design(PENDULUM, postures=1, speeds=(0.35, 0.9), repeats=1, seed=4), *hidden).noisy(8, DIN)
+    fitted = Lab.of(PENDULUM, design(PENDULUM, speeds=(0.1, 0.25, 0.6, 1.2), repeats=1), *hidden).noisy(3, DIN)
+    dataset = Dataset((*fitted, *(replace(run, heldout=True, clock=1) for run in late)))
+    return dataset, diagnose(identify(dataset, PENDULUM), dataset, PENDULUM)
+
+
+def test_what_is_forecast_is_what_the_printed_command_gives():
+    """Of each finding in turn: its command adds those before it, and held-out runs have the error that was told."""
+    dataset, told = busy()
+    assert len(told.findings) >= 3 and {one.verdict for one in told.findings} == {ADD}
+    before = identify(dataset, PENDULUM).joint(2).heldout
+    for number, finding in enumerate(told.findings, start=1):
+        words = finding.command.split(" --add ")[1:]
+        effects = [read_choice(word, PENDULUM, "--add") for word in words]
+        came = identify(dataset, PENDULUM, effects=effects).joint(2).heldout
+        assert len(words) == number and finding.joint == 2
+        assert finding.rmse_heldout_before == pytest.approx(before, rel=0.03)
+        assert finding.forecast == finding.rmse_heldout_after == pytest.approx(came, rel=0.03)
+        before = came
+
+
+def test_a_forecast_has_the_error_of_a_jackknife_over_runs():
+    """By leaving out one held-out run after the other; of one run alone there is none."""
+    solved, held = lever().fitted(lever().noisy(1)), lever().noisy(2, Din(spread=0.02, level=0.02))
+    error = rmse_of(solved, lever().bins(held))[1]
+    rest = [rmse_of(solved, lever().bins([*held[:k], *held[k + 1 :]]))[0] for k in range(len(held))]
+    assert error == pytest.approx(np.sqrt(len(held) - 1.0) * np.std(rest), rel=0.1)
+    assert rmse_of(solved, lever().bins(held[:1]))[1] is None
+
+
+def test_what_does_not_lower_the_error_of_held_out_runs_is_not_to_be_added():
+    """Where no run is held out, the cross-validated error stands, and is called that."""
+    found = Finding("spring", 1, {}, ADD, "passes", 0.001, rmse_heldout_before=0.03, rmse_heldout_after=0.02)
+    solved = lever().fitted(lever().noisy(1))
+    same = forecast(found, solved, solved, unseen=lever().bins(lever().noisy(2)))
+    assert same.verdict == DOUBTFUL and same.forecast == same.rmse_heldout_before
+    for finding, words in ((found, "Cross-validated RMSE"), (same, "RMSE of runs that were not fitted")):
+        assert any(text.startswith(words) for text in finding_sentences(finding, Diagnosis("", (), ()), LEVER))

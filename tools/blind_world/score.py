@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from blind_world.case import BUSY, Case, Experiment, drawn
 from blind_world.hidden import Hidden, Strokes, Unfit, applied, signature
-from blind_world.world import LATER, State, sensed, write_experiment
+from blind_world.world import LATER, State, noises, sensed, write_experiment
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.diagnose import diagnose
 from pumaid.diagnosis.records import ADD, Diagnosis, Finding
-from pumaid.effects import catalogue
+from pumaid.effects import Scope, catalogue
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
+from pumaid.estimation.evaluate import predictions, rmse
 from pumaid.experiment import Experiment as Logs
 from pumaid.results.documents import read_model
 from pumaid.robot import Robot
@@ -30,6 +31,8 @@ from pumaid.robot import Robot
 Floats = NDArray[np.float64]
 
 
+#: Seed, beside that of the case, of the noise when a motion is made again.
+AGAIN = 7
 #: Difference of two predictions, in RMSE, from which the fitted runs do not tell them.
 OPEN = 0.3
 
@@ -51,8 +54,13 @@ class Session:
         return cls(robot, dataset, estimate, diagnose(estimate, dataset, robot))
 
     def applied(self, folder: Path) -> tuple[Session, list[Estimate]]:
-        """What stands after ``diagnose --apply``, and the models after each step."""
-        file, steps = folder / "results" / "model.json", list[Estimate]()
+        """What stands after ``diagnose --apply``, and the model after each addition; what it refuses leaves none."""
+        file, steps = folder / "results" / "model.json", dict[int, Estimate]()
+
+        def note(_: str) -> None:
+            model = read_model(file)
+            steps[len(model.effects)] = model
+
         diagnosis, estimate = added(
             self.diagnosis,
             self.estimate,
@@ -60,9 +68,10 @@ class Session:
             robot=self.robot,
             model=file,
             again=lambda model: diagnose(model, self.dataset, self.robot),
-            tell=lambda _: steps.append(read_model(file)),
+            tell=note,
         )
-        return Session(self.robot, self.dataset, estimate, diagnosis), steps
+        steps.pop(len(self.estimate.effects), None)
+        return Session(self.robot, self.dataset, estimate, diagnosis), list(steps.values())
 
     @property
     def added(self) -> list[Finding]:
@@ -212,12 +221,28 @@ def busy(experiment: Experiment, session: Session, last: Session, steps: list[Es
             | {"right": is_right(experiment, item)}
             for item in findings
         ],
-        "forecasts": [
-            {"effect": item.effect, "joint": item.joint, "told": told, "came": step.joint(item.joint).heldout}
-            for item, step in zip(last.diagnosis.applied, steps, strict=False)
-            if item.joint and (told := item.rmse_heldout_after) and item.effect != "coupling"
-        ],
+        "forecasts": forecasts(experiment, last, steps),
     }
+
+
+def forecasts(experiment: Experiment, last: Session, steps: list[Estimate]) -> list[dict[str, Any]]:
+    """What was told (A, with its standard error) of each addition at one joint, and what came.
+
+    That is in the runs that were held out, and in the same motion made again: `fresh`, with other noise.
+    """
+    case, world = experiment.case, experiment.world
+    noise = noises(world, np.random.default_rng([case.seed, AGAIN]))
+    with tempfile.TemporaryDirectory() as scratch:
+        write_experiment(Path(scratch), world, sensed(world, experiment.state, noise))
+        robot, again = read(Path(scratch))
+    out = []
+    for item, step in zip(last.diagnosis.applied, steps, strict=True):
+        if item.joint and item.forecast and catalogue()[item.effect].scope is Scope.JOINT:
+            prediction = predictions(step, again, robot)[item.joint]
+            facts = {"effect": item.effect, "joint": item.joint, "told": item.forecast, "error": item.forecast_error}
+            fresh = rmse([(prediction, prediction.heldout)])
+            out.append(facts | {"came": step.joint(item.joint).heldout, "fresh": fresh})
+    return out
 
 
 def answer(experiment: Experiment, hidden: Hidden, finding: Finding) -> str:
