@@ -16,7 +16,8 @@ from pumaid.errors import ModelError, PumaidError, RecipeError, ResultError, Whe
 from pumaid.estimate import Estimate
 from pumaid.io.paths import DATASET, LogPath, chosen_logs, expand, is_remote
 from pumaid.io.plan_file import find_plan, read_plan
-from pumaid.io.recipe import find_recipe, read_recipe, shipped_recipes
+from pumaid.io.recipe import find_recipe, shipped_recipes
+from pumaid.io.urdf import read_robot
 from pumaid.io.write import write_file
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.hold_out import hold_out, match_with_plan
@@ -72,7 +73,7 @@ class Experiment:
     @cached_property
     def robot(self) -> Robot:
         """The recipe's arm."""
-        return read_recipe(self.recipe_path)
+        return read_robot(self.recipe_path, self.tell)
 
     def model(self, path: Path) -> Estimate:
         """A model of this arm; one of another recipe or with effects that are not known as they were is refused."""

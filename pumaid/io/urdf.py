@@ -1,10 +1,11 @@
-"""URDF files: the serial chain in one that is an arm, and the recipe that states it as it is."""
+"""URDF, xacro and MJCF files: the serial chain in one that is an arm, and the recipe that states it as it is."""
 
 import hashlib
 import math
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,11 +13,21 @@ import numpy as np
 
 from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_number, yaml_text, yaml_vector
-from pumaid.io.recipe import SIZES, WIDEST_UNSTATED, is_joint_name, parsed_recipe, recipe_text
+from pumaid.io.mjcf import GRAVITY, urdf_of_mjcf
+from pumaid.io.recipe import (
+    SIZES,
+    WIDEST_UNSTATED,
+    is_joint_name,
+    parsed_recipe,
+    read_recipe,
+    recipe_text,
+)
 from pumaid.maths import Floats
-from pumaid.robot import placement, roll_pitch_yaw
+from pumaid.robot import Robot, placement, roll_pitch_yaw
 
-TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+#: Endings of files that are no recipes but describe a robot.
+DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")
 #: Most bytes of a URDF, and most joints of a recipe.
 MAX_BYTES, MAX_JOINTS = 20_000_000, 50
 #: A joint farther than this (m) from the one before, or angles beyond this (rad), are in another unit.
@@ -24,7 +35,7 @@ FARTHEST, WIDEST_ANGLE = 20.0, 4.0 * math.pi
 FREE_FALL = 9.80665
 #: rad and rad/s: limits and speeds of a turning joint beyond these are in degrees; no arm's turn 2000 deg/s.
 WIDEST = (WIDEST_UNSTATED, 36.0)
-_XACRO = "; of a xacro file make a URDF first: xacro FILE > arm.urdf"
+_XACRO = "; the name of a xacro file must end in .xacro"
 
 
 class UrdfJoint:
@@ -70,8 +81,24 @@ class UrdfJoint:
         return RecipeError("urdf-refused", what[:200], Where(self.file, field=f"joint {self.name[:60]}"), mend)
 
 
+def read_robot(path: Path, tell: Callable[[str], None]) -> Robot:
+    """A robot from its recipe, or from a URDF, xacro or MJCF file of one arm, of which `tell` hears what it lacks.
+
+    Raises as `read_recipe` and `UrdfRecipe` do.
+    """
+    if path.suffix not in DESCRIPTIONS:
+        return read_recipe(path)
+    made = UrdfRecipe(path)
+    for note in made.notes:
+        tell(str(note))
+    # The text that the joints stand in is another in another version, what it says of the arm is not.
+    return replace(made.robot, digest=made.robot.geometry)
+
+
 class UrdfFile:
     """A robot's `name`, its `links`, carriers first, and joints, which are trees; `digest` is the file's SHA-256.
+
+    `gravity` (m/s2) is in the root's axes. `arguments` are those of a xacro file, by name.
 
     By link, `carrier` is the joint that carries it, in the file's order, `carried` are those that it carries, and
     `reach` is how many moving joints there are at most in one line outward of it.
@@ -79,12 +106,13 @@ class UrdfFile:
     Raises
     ------
     RecipeError [file-not-readable, urdf-refused]
-        The file at `path` cannot be read, or is no URDF.
+        The file at `path` cannot be read, or describes no robot.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, arguments: Mapping[str, str] | None = None) -> None:
         content, self.file = read_bytes(path, kind=RecipeError, most=MAX_BYTES), file_name(path)
-        robot = _parsed(content, self.file)
+        robot = _parsed(content, path, arguments or {})
+        self.gravity = np.array(robot.get(GRAVITY, f"0 0 {-FREE_FALL}").split(), dtype=float)
         self.name, self.digest = robot.get("name", ""), hashlib.sha256(content).hexdigest()
         names = {tag: [element.get("name", "").strip() for element in robot.findall(tag)] for tag in ("link", "joint")}
         for tag in names:
@@ -92,9 +120,11 @@ class UrdfFile:
             if repeated or not names["link"]:
                 raise RecipeError(
                     "urdf-refused",
-                    f"a {tag} has no name, or that of another one: {listed(repeated, 1)}"[:200],
+                    f"a {tag} has no name, or that of another one: {listed(repeated, 1)}"[:200]
+                    if repeated
+                    else "the file has no links",
                     Where(self.file),
-                    f"give each {tag} its own name",
+                    f"give each {tag} its own name" if repeated else "is it a part, such as macros, of another file?",
                 )
         joints = [UrdfJoint(element, self.file) for element in robot.findall("joint")]
         self.carrier = {joint.child: joint for joint in joints}
@@ -149,8 +179,8 @@ class UrdfFile:
         return path
 
     def unclear(self, what: str, mend: str) -> RecipeError:
-        """The error of a robot of which it is not clear which joints are the arm."""
-        return RecipeError("urdf-which-chain", what, Where(file=self.file), mend)
+        """The error of a robot of which it is not clear which joints are the arm; `mend` by options of pumaid init."""
+        return RecipeError("urdf-which-chain", what, Where(file=self.file), f"with pumaid init, {mend}")
 
 
 class UrdfRecipe:
@@ -171,12 +201,14 @@ class UrdfRecipe:
         A link is not there, there are several chains, or none can be stated by a recipe.
     """
 
-    def __init__(self, path: Path, *, base: str | None = None, tip: str | None = None) -> None:
-        self.urdf = urdf = UrdfFile(path)
+    def __init__(
+        self, path: Path, *, base: str | None = None, tip: str | None = None, arguments: Mapping[str, str] | None = None
+    ) -> None:
+        self.urdf = urdf = UrdfFile(path, arguments)
         self.base, self.tip = _ends(urdf, base, tip)
         before, self.path = urdf.path(None, self.base), urdf.path(self.base, self.tip)
         _refuse_unusable(urdf, self.base, self.path)
-        gravity = np.array([0.0, 0.0, -FREE_FALL])
+        gravity = urdf.gravity
         for joint in before:
             gravity = gravity @ joint.frame()[:3, :3]
         self.left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in before + self.path]
@@ -184,11 +216,12 @@ class UrdfRecipe:
         file, *ends = [
             "".join(c if c.isprintable() else "?" for c in text) for text in (path.name, self.base, self.tip)
         ]
+        given = [word for pair in (arguments or {}).items() for word in ("--arg", *pair) if word.isprintable()]
         self.text = recipe_text(
-            shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1]]),
+            shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1], *given]),
             name=yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
             base=ends[0],
-            source=yaml_text(f"URDF {file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
+            source=yaml_text(f"{file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
             gravity=yaml_vector(gravity),
             joints=lines,
         )
@@ -201,25 +234,58 @@ class UrdfRecipe:
         self.robot = parsed_recipe(self.text.encode(), file_name(path))
 
 
-def _parsed(content: bytes, file: str) -> ElementTree.Element:
-    """The element <robot>, tags without namespaces."""
+def _parsed(content: bytes, path: Path, arguments: Mapping[str, str] | None) -> ElementTree.Element:
+    """The element <robot> of a file with this content, tags without namespaces; of MJCF with its `GRAVITY`.
+
+    `arguments` are those of a xacro file, None where it is expanded.
+    """
+    file = file_name(path)
     try:
         robot = ElementTree.fromstring(content)
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # also an encoding that Python lacks
         line, mend = getattr(error, "position", (None,))[0], "every tag must be closed and quoted, the text UTF-8"
         what = f"this is not XML that can be read: {error}"
         raise RecipeError("urdf-refused", what[:200], Where(file=file, line=line), mend + _XACRO) from error
-    is_xacro = any("xacro}" in element.tag for element in robot.iter())
+    is_xacro = path.suffix == ".xacro" or any("xacro}" in element.tag for element in robot.iter())
+    if is_xacro and arguments is not None:
+        return _parsed(_expanded(path, file, arguments), path, None)
     for element in robot.iter():
         element.tag = element.tag.rpartition("}")[2]
-    if is_xacro or robot.tag != "robot":
+    if robot.tag == "mujoco":
+        return urdf_of_mjcf(path, content, file)
+    if robot.tag != "robot":
         raise RecipeError(
             "urdf-refused",
-            "this is a xacro file" if is_xacro else f"the file holds <{robot.tag[:40]}>, not <robot>",
+            f"the file holds <{robot.tag[:40]}>, not <robot> or <mujoco>",
             Where(file=file),
-            f"give the arm's URDF{_XACRO}",
+            "give the arm's URDF, xacro or MJCF file",
         )
     return robot
+
+
+def _expanded(path: Path, file: str, arguments: Mapping[str, str]) -> bytes:
+    """The URDF of a xacro file, by the package xacrodoc.
+
+    ROS packages are looked for above the file, beside those, and as ROS does.
+    """
+    try:
+        from xacrodoc import XacroDoc, packages
+
+        above = [folder for folder in path.resolve().parents if (folder / "package.xml").is_file()]
+        stated = [file for package in above for place in package.parents[:2] for file in place.glob("*/package.xml")]
+        packages.update_package_cache({file.parent.name: file.parent for file in stated})
+        document = XacroDoc.from_file(path, subargs=dict(arguments), resolve_packages=False)
+        return str(document.to_urdf_string()).encode()
+    except Exception as error:  # whatever the file's expressions raise
+        raise RecipeError(
+            "urdf-refused",
+            f"xacro cannot expand it: {str(error).strip().partition(chr(10))[0].rpartition('>: ')[2]}"[:300],
+            Where(file=file),
+            "pip install 'pumaid[xacro]', or where ROS is: xacro FILE > arm.urdf"
+            if isinstance(error, ImportError)
+            else "give its arguments by --arg NAME VALUE; a package that it needs must lie, with its package.xml, above"
+            " or beside the file's, or where ROS_PACKAGE_PATH or a sourced ROS says",
+        ) from error
 
 
 def _attribute(element: ElementTree.Element, tag: str, word: str, default: str = "") -> str:
@@ -255,7 +321,7 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
 def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> None:
     """Refuse joints that no recipe can state."""
     for joint in path:
-        if joint.kind in ("floating", "planar") or joint.follows:
+        if joint.kind in TYPES[4:] or joint.follows:
             kind = f"follows joint {joint.follows} (mimic)" if joint.follows else f"is {joint.kind}"
             raise urdf.unclear(
                 f"joint {joint.name} {kind}; a recipe's joints turn or slide by themselves",
@@ -298,10 +364,11 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
         line += f", limits: {yaml_vector((low, high))}" if has_limits and joint.kind != "continuous" else ""
         line += f", max_velocity: {yaml_number(speed)}" if has_speed else ""
         lines.append(f"{{{line}}}")
-        unit = "mm" if is_rail else "degrees"
+        unit, gear = "mm" if is_rail else "degrees", joint.element.get("gear", "1")
         if not has_limits and joint.kind != "continuous":
             lacking["limits"].append(name + _as_stated((low, high), farthest, unit))
         lacking["speed"] += [] if has_speed else [name + _as_stated((speed,), fastest, f"{unit}/s")]
+        lacking["gear_ratio"] += [] if gear == "1" else [f"{name} (its actuator's gear is {gear})"]
         lacking["name"] += [] if is_name else [f"{name} ({joint.name!r})"]
         is_weak = _attribute(joint.element, "limit", "effort", "1").strip("0.") == ""
         lacking["effort (without use here)"] += [name] * is_weak

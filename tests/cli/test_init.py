@@ -94,3 +94,20 @@ def test_the_command_that_a_refusal_names_works():
     told = run("init", "--urdf", "two.urdf", code=3).stderr
     run("init", "--urdf", "two.urdf", "--tip", told.split("--tip LINK, of ")[1].split(",")[0])
     assert [joint.name for joint in read_recipe(Path("recipe.yaml")).joints] == ["l1", "l2"]
+
+
+def test_a_description_stands_where_a_recipe_does():
+    """URDF and MJCF files are planned for, simulated and identified; a model belongs to the joints, not to the text."""
+    Path("arm.xml").write_text(
+        '<mujoco><worldbody><body name="l"><joint name="j" axis="0 1 0" range="-90 90"/><geom size="1"/></body>'
+        "</worldbody></mujoco>"
+    )
+    told = run("plan", "arm.xml", "--minutes", "3").stderr
+    assert "note[urdf-incomplete]" in told and "speed of j" in told
+    run("simulate", "arm.xml", "--noise", "0.01", "-o", "logs", "--rate", "100")
+    document = answer("identify logs --recipe arm.xml")
+    assert document["joints"][0]["runs"] > 3
+    Path("arm.xml").write_text(Path("arm.xml").read_text().replace("<mujoco>", "<mujoco><!-- another text -->"))
+    assert answer("compare results/model.json logs --recipe arm.xml")["rmse"] < 0.02
+    Path("two.urdf").write_text(tree_text(("l1", "base", "a"), ("r1", "base", "c")))
+    assert "with pumaid init" in run("plan", "two.urdf", code=3).stderr

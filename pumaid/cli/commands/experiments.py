@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 @click.option("--list", "is_list", is_flag=True, help="List the robots that pumaid knows.")
 @click.option("--joints", type=click.IntRange(1, 50), metavar="N", help="Joints of a blank recipe.  [default: 6]")
 @click.option(
-    "--urdf", type=options.FILE_OR_PIPE, metavar="FILE", help="Take the joints of this URDF as they are placed."
+    "--urdf", type=options.FILE_OR_PIPE, metavar="FILE", help="Take the joints of this URDF, xacro or MJCF file."
 )
+@click.option("--base", metavar="LINK", help="Where the arm starts in the file.  [default: what nothing carries]")
+@click.option("--tip", metavar="LINK", help="Where the arm ends in the file.  [default: where it splits]")
 @click.option(
-    "--base", metavar="LINK", help="Where the arm starts in the URDF.  [default: the link that nothing carries]"
+    "--arg", "arguments", type=(str, str), multiple=True, metavar="NAME VALUE", help="An argument of a xacro file."
 )
-@click.option("--tip", metavar="LINK", help="Where the arm ends in the URDF.  [default: where it splits]")
 @click.option("--preset", metavar="NAME", help="What writes the logs, such as ur-rtde or dynamixel-xm430.")
 @options.force_option
 @options.output_option("File or folder; - prints.  [default: recipe.yaml]")
@@ -48,12 +49,13 @@ def init(
     urdf: Path | None,
     base: str | None,
     tip: str | None,
+    arguments: tuple[tuple[str, str], ...],
     preset: str | None,
     force: bool,
     output: Path | None,
     as_json: bool,
 ) -> None:
-    """Write a recipe to start from: a robot that pumaid knows, one described by a URDF, or a blank one to fill in.
+    """Write a recipe to start from: a robot that pumaid knows, one described by a file, or a blank one to fill in.
 
     NAME is a robot's name from --list, or blank.
 
@@ -71,17 +73,15 @@ def init(
     if is_list:
         _list_robots(as_json)
         return
-    if any(value is not None for value in ((base, tip) if urdf is None else (name, joints))):
-        raise click.UsageError(
-            "NAME and --joints go without --urdf FILE, --base and --tip with it: these are two recipes."
-        )
+    if any(value not in (None, ()) for value in ((base, tip, arguments) if urdf is None else (name, joints))):
+        raise click.UsageError("NAME, --joints or --urdf FILE, --base, --tip, --arg: these are two recipes.")
     target = output or Path("recipe.yaml")
     path = target / "recipe.yaml" if target.is_dir() else target
     spare_inputs([path], [urdf], new=() if force else (path,))
     text = _recipe_text(name, joints) if urdf is None else ""
     facts: dict[str, Any] = {}
     if urdf is not None:
-        made = UrdfRecipe(urdf, base=base, tip=tip)
+        made = UrdfRecipe(urdf, base=base, tip=tip, arguments=dict(arguments))
         text = made.text
         facts["urdf"] = {"file": made.urdf.file, "base": made.base, "tip": made.tip}
         notes(made.notes)
@@ -108,7 +108,7 @@ def _recipe_text(name: str | None, joints: int | None) -> str:
     names = [*shipped_recipes(), "blank"]
     if name not in names:
         raise click.UsageError(
-            f"There is no robot {name}: {meant(name, names)}"
+            f"There is no robot {name}: {meant(name, names)}; a URDF, xacro or MJCF file goes after --urdf."
             if name
             else f"Which one? {listed(names)}; or --urdf FILE."
         )
@@ -223,7 +223,7 @@ def plan(
     given = asked["check"]
     if given is not None and recipe is None:
         recipe = Experiment((str(given),)).recipe_path  # a plan lies beside its recipe
-    experiment = Experiment(recipe=recipe)
+    experiment = Experiment(recipe=recipe, tell=remark)
     robot, path = experiment.robot, output
     suffix, text_of = PROGRAMS.get(form) or (f".{form}", partial(plan_text, format=form))
     if given is None:
