@@ -75,10 +75,10 @@ def init(
         return
     if any(value not in (None, ()) for value in ((base, tip, arguments) if urdf is None else (name, joints))):
         raise click.UsageError("NAME, --joints or --urdf FILE, --base, --tip, --arg: these are two recipes.")
+    text = _recipe_text(name, joints) if urdf is None else ""
     target = output or Path("recipe.yaml")
     path = target / "recipe.yaml" if target.is_dir() else target
     spare_inputs([path], [urdf], new=() if force else (path,))
-    text = _recipe_text(name, joints) if urdf is None else ""
     facts: dict[str, Any] = {}
     if urdf is not None:
         made = UrdfRecipe(urdf, base=base, tip=tip, arguments=dict(arguments))
