@@ -7,7 +7,7 @@ and 18,500 statements when all is there.
 
 CEILINGS = {
     "lines": 31_800,
-    "statements": 18_450,
+    "statements": 18_500,
     "modules": 160,
     "import depth": 12,
     "lines of tests and tools": 27_000,
