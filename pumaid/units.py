@@ -19,6 +19,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "deg/s": ("angular velocity", math.pi / 180.0),
     "rev/s": ("angular velocity", 2.0 * math.pi),
     "rpm": ("angular velocity", 2.0 * math.pi / 60.0),
+    "mrad/s": ("angular velocity", 1e-3),
     "tick/s": ("angular velocity", 2.0 * math.pi / 4096.0),
     "m/s": ("linear velocity", 1.0),
     "mm/s": ("linear velocity", 1e-3),

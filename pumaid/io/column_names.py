@@ -28,12 +28,18 @@ _WORDS = {
     "fraction": "nanosec nsec nsecs nanosecs nanoseconds usec usecs microsec microseconds msec millisec milliseconds",
 }
 _KNOWN = {what: words.split() for what, words in _WORDS.items()}
-#: Units that a name tells, by quantity; none of them stands inside a word.
+#: Units that a name tells, by quantity, CiA 402's of torques too; none of them stands inside a word.
 _UNIT_WORDS = {
     "time": {"ms": r"ms|msecs?|milli\w*", "us": r"us|µs|usecs?|micro\w*", "ns": r"ns|nsecs?|nano\w*"},
     "position": {"deg": "deg|degrees?|°|度", "tick": "ticks?", "mrad": "mrad"},
     "velocity": {"deg/s": "deg|degrees?|°|度", "rpm": "rpm|U/min|1/min", "tick/s": "ticks?"},
-    "current": {"mA": "mA", "Nm": "N[ _·*]?m", "mNm": "mN[ _·*]?m", "percent": "%|percent", "permille": "‰|permille"},
+    "current": {
+        "mA": "mA",
+        "Nm": "N[ _·*]?m",
+        "mNm": "mN[ _·*]?m",
+        "percent": "%|percent",
+        "permille": "‰|permille|torque[ _]actual[ _]value",
+    },
 }
 #: Words for a second, and words for what may be a current, a torque or a share of it.
 _SECONDS, _SHARES = ("s", "sec", "secs", "seconds"), ("effort", "efforts", "load", "loads")
@@ -100,13 +106,13 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
         rivals = [score for other, score in scores.items() if other != best and ("{name}" in other) == by_name]
         if quantity in ("position", "current"):  # a velocity is checked, and spared
             is_sure &= not templates[best] and max(rivals, default=-math.inf) < scores[best] - _SURE
-            is_sure &= not _WANTED & {*_words(best)}
+            is_sure &= not _WANTED & {*words_of(best)}
     times, is_one = _times(header, chosen.get("position", ""))
     if not times or "position" not in chosen or "current" not in chosen:
         return None, False
     usual = {"time": "s", "position": "rad", "velocity": "rad/s", "current": "A"}
     units = {key: unit for key, name in {"time": times[0], **chosen}.items() if (unit := unit_in(name, key))}
-    if not {*_words(chosen["current"])} & {*_KNOWN["current"], *_SHARES}:
+    if not {*words_of(chosen["current"])} & {*_KNOWN["current"], *_SHARES}:
         units.setdefault("current", "Nm")
     if "position" in units:
         units.setdefault("velocity", f"{units['position']}/s")
@@ -118,7 +124,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
 
 def _times(header: Sequence[str], position: str) -> tuple[list[str], bool]:
     """The column of the time, or that of its seconds and that of their fractions; and whether there is no other."""
-    words = {name: _words(name) for name in header}
+    words = {name: words_of(name) for name in header}
     pairs = [
         [name, other]
         for name in header
@@ -165,7 +171,7 @@ def has_foreign_words(text: str) -> bool:
     return any(word in text.lower() for words in _KNOWN.values() for word in words if not word.isascii())
 
 
-def _words(name: str) -> list[str]:
+def words_of(name: str) -> list[str]:
     """The lower-case words of a name: ``motorPos_rad[3]`` gives motor, pos, rad; ``Iststrom`` gives ist, strom."""
     apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", _bare(name)).lower()
     for pattern, plain in _SPELLINGS:
@@ -188,7 +194,7 @@ def _bare(name: str) -> str:
 
 def _meaning(name: str) -> dict[str, int]:
     """What the words of a name speak of, the first the strongest, and the place of the word among those for it."""
-    words, out = _words(name), dict[str, int]()
+    words, out = words_of(name), dict[str, int]()
     for what, signs in _KNOWN.items():
         places = [place for place, sign in enumerate(signs) if any(_is_like(word, sign) for word in words)]
         out |= {what: places[0]} if places else {}
@@ -218,7 +224,7 @@ def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, bool]:
 
 def _score(template: str, quantity: str) -> float:
     """How well the words of a template speak of a quantity; a torque stands for a current where there is none."""
-    words, meaning = _words(template), _meaning(template)
+    words, meaning = words_of(template), _meaning(template)
     asked = {quantity, "torque"} & {*meaning} if quantity == "current" else {quantity} & {*meaning}
     if not asked:
         return -math.inf

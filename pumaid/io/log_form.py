@@ -68,8 +68,6 @@ def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
     return words
 
 
-#: The preset whose columns a topic of a recording has.
-_JOINT_STATE = "joint-state"
 Template = Annotated[Words, AfterValidator(_template)]
 Times = Annotated[
     tuple[Template, ...],
@@ -145,13 +143,12 @@ class LogForm(StrictForm):
         """What a block says goes over its preset, part by part; a topic's is that of joint states."""
         if not isinstance(data, dict) or not isinstance(data.get("preset", data.get("topic")), str):
             return data
-        name = data.get("preset", _JOINT_STATE).lower().replace("_", "-")
+        name = data.get("preset", "joint-state").lower().replace("_", "-")
         if name not in presets():
             raise refusal(f"there is no preset {name[:60]}", meant(name, list(presets())))
-        out = dict(presets()[name])
-        if name == _JOINT_STATE and isinstance(data.get("topic"), str):
-            topic = re.sub(r"([{}])", r"\1\1", f"/{data['topic'].strip('/')}")
-            out = {key: value.replace("/joint_states", topic) for key, value in out.items()}
+        topic = f"/{str(data.get('topic', 'joint_states')).strip('/')}/"
+        parts = presets()[name].items()
+        out = {key: part.replace("/joint_states/", topic) if isinstance(part, str) else part for key, part in parts}
         for key, value in data.items():
             before, now = ({"column": part} if key in QUANTITIES and isinstance(part, str) else part
                            for part in (out.get(key), value))  # fmt: skip

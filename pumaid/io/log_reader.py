@@ -6,7 +6,6 @@ not fit. No step holds a file.
 
 import hashlib
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -44,16 +43,14 @@ ABSURD_TIME, LATEST = 1e20, 1e11
 EPOCH = 9e8, 4e9
 #: A log with a larger share of bad rows is not one with faults but a faulty one.
 MAX_BAD = 0.05
-#: A jump is a wrap if what remains of it without the turn is within this share of a turn (or within the joint's speed).
-_WRAP_SHARE = 0.02
-#: rad/s; taken as the fastest possible where the recipe gives no maximum: a turn within a quarter second.
-_FASTEST = 8.0 * math.pi
+#: A jump is a wrap if what remains of it without the turn is within this share of a turn, or within the joint's speed;
+#: rad/s, taken as the fastest possible where the recipe gives no maximum: a turn within a quarter second.
+_WRAP_SHARE, _FASTEST = 0.02, 8.0 * math.pi
 #: Intervals from which the median is taken: enough for any jitter, few enough to hold.
 _PROBE = 100_000
-#: A gap is this many median intervals: one or two lost packets are jitter, five are a hole ...
-_GAP_INTERVALS = 5.0
-#: ... and at least this long (s): shorter ones are within what a ramp of an arm takes, and harm no mean.
-_GAP_SECONDS = 0.05
+#: A gap is this many median intervals, one or two lost packets being jitter, and at least this long (s): shorter ones
+#: are within what a ramp of an arm takes, and harm no mean.
+_GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.05
 #: s, and share of the median: times between samples that vary by more (RMS) blur where an arm speeds up and slows down.
 _JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
 #: The entry of the rows that have a fault in any column.
@@ -554,7 +551,9 @@ def _faults(
 
 def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     block = paste_block(header, robot)
-    topics = dict.fromkeys(column.rsplit("/", 2)[0] for column in header if re.fullmatch("/.+/.+/position", column))
+    topics = dict.fromkeys(
+        column.rsplit("/", 2)[0] for column in header if column[:1] == "/" and column.endswith("/position")
+    )
     if block:
         more = f" (joint states are there of {listed([*topics])}; log: {{topic: NAME}} says which)"
         return f"if these are the columns meant{more * (len(topics) > 1)}, put this into the recipe:\n{block}"

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from pumaid.errors import listed
-from pumaid.io.column_names import log_block
+from pumaid.io.column_names import log_block, words_of
 from pumaid.io.log_form import preset_formats
 from pumaid.io.log_reader import factor_of
 from pumaid.maths import Floats
-from pumaid.preprocessing.encodings import MISREAD, lost_sign
+from pumaid.preprocessing.encodings import AN_OCTAVE, MISREAD, OCTAVES, SHARE, lost_sign
 from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
-from pumaid.robot import Joint, LogFormat, Robot
+from pumaid.robot import QUANTITIES, Joint, LogFormat, Robot
 from pumaid.units import UNITS, factor, number
 
 #: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
@@ -43,10 +43,16 @@ _PASTE = "{}, put this into the recipe, in place of its log block:\n{}"
 #: rad at which no joint without limits is, and widths of its limits by which no joint leaves them. Rounding of counts.
 MOST_RADIANS, FARTHEST, WHOLE = 300.0, 3.0, 1e-6
 #: Counts of encoders, and the angle (deg) that they are: of small servos 300 degrees, of others a turn; or parts of a
-#: degree. Share by which a jump, with motion in it, may miss one.
-TURNS = (4096, 3600, 2**14, 36000, *(2**bits for bits in (16, 17, 18)), 360000, *(2**bits for bits in (19, 20, 22, 24)))
-ENCODERS = ((1023, 300.0), *((counts, 360.0) for counts in TURNS))
-SAME = 0.02
+#: degree or radian. Share by which a jump, with motion in it, may miss one; and least steps that are no jump.
+TURNS = (4096, 3600, 2000.0 * math.pi, 2**13, 2**14, 36000, *(2**bits for bits in (16, 17, 18)), 360000)
+ENCODERS = ((1023, 300.0), *((counts, 360.0) for counts in (*TURNS, *(2**bits for bits in (19, 20, 22, 24)))))
+SAME, STEPS = 0.02, 20.0
+#: A; no motor of an arm draws more.
+MOST_AMPERES = 200.0
+#: Windows of 0.1 s that tell as much as one that knows nothing of its neighbours; by how much the logarithm of a
+#: likelihood is surely better: five standard deviations; and the logarithm of the share of a joint's mean square error
+#: that the right count must take away, since missing physics, too, prefers some count.
+ALIKE_WINDOWS, SURELY, HALF = 10, 12.5, math.log(2.0)
 #: Jumps (counts) where a sign was lost, and the encoding.
 SIGN_JUMPS = {2**15: "sign-bit-15", 2**16: "uint16-two-complement", 2**32: "uint32-two-complement"}
 
@@ -74,6 +80,8 @@ class JointSignals:
         self.is_constant = self.least_current == self.most_current and self.moving >= FLAT_COUNT
         self.is_measured = self.has_moved and self.moving > 0 and not self.is_constant
         self.largest = max(-self.least_current, self.most_current)
+        beyond = self.sizes[int(AN_OCTAVE * (math.log2(MOST_AMPERES) - OCTAVES[0])) :]
+        self.is_large = self.is_ampere and bool(beyond.sum() > SHARE * self.moving)
         #: Another joint (from 1) whose position the velocity column follows, and one whose current this joint's is.
         is_astray = self.has_moved and self.integral > 0 and self.agrees < ANOTHER and self.match.max() > AGREES
         self.follows = int(np.argmax(self.match)) + 1 if is_astray else 0
@@ -106,7 +114,7 @@ class JointSignals:
     @property
     def is_counted(self) -> bool:
         """Whether all currents are whole numbers where A are read, with steps of an ammeter that no arm has."""
-        is_plain = self.is_ampere and abs(factor_of(self.sums.robot, "current", self.joint)) == 1.0
+        is_plain = self.is_ampere and self.is_measured and abs(factor_of(self.sums.robot, "current", self.joint)) == 1.0
         ends = np.array([self.least_current, self.most_current, self.least_change])
         return is_plain and bool(np.isfinite(ends).all()) and is_whole(ends) and self.least_change >= 0.5
 
@@ -115,7 +123,8 @@ class JointSignals:
         """Size (rad or m) by which the position jumps again and again while it moves on, 0 if it does not."""
         size = self.jump_sum / max(self.jumps, 1.0)
         scatter = self.jump_squares / max(self.jumps, 1.0) - size**2
-        return float(size) if self.jumps >= JUMPS and scatter < (ONE_SIZE * size) ** 2 else 0.0
+        is_jump = scatter < (ONE_SIZE * size) ** 2 and not size < STEPS * self.least_step < math.inf
+        return float(size) if self.jumps >= JUMPS and is_jump else 0.0
 
     @property
     def is_impossible(self) -> bool:
@@ -202,7 +211,12 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
     ends = [_raw(sums, np.array([j.lowest, j.highest]), j.joint) for j, _ in turning]
     jump = max(j.jump / abs(size) for j, size in turning)
     follows = log.units.get("velocity") == f"{log.units.get('position')}/s"
-    plain = replace(log, units={**log.units, "position": "rad", **({"velocity": "rad/s"} if follows else {})})
+    units = {
+        "position": "rad",
+        **({"velocity": "rad/s"} if follows else {}),
+        **({"current": "raw"} if any(j.is_counted for j in signals_of(sums)) else {}),
+    }
+    plain = replace(log, units={**log.units, **units})
     for place, encoding in SIGN_JUMPS.items():
         # A range of whole turns is taken out of jumps: then only the beginning is off.
         spans = [(j.joint, np.array([j.lowest, j.highest]), place * size) for j, size in turning]
@@ -218,22 +232,48 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
             f"say what they are in the recipe: log: {{position: {{column: {json.dumps(log.position)}, scale: rad a"
             " count (of motors 1 over the gear ratio), zero: count where the joint is at zero}}"
         )
-    words = [f"{angle:.0f} degrees are {counts} counts and {zero} is zero" for counts, angle, zero in fitting[:3]]
-    more = f" (these fit, too: {'; '.join(words[1:])})" if words[1:] else ""
-    counts, angle, zero = fitting[0]
-    scale = angle * factor("deg") / counts
-    is_unlike = any(abs(j.ratio * scale / abs(size) - 1.0) > RATIO_FINE for j, size in turning if j.integral)
+    scales = {item: item[1] * factor("deg") / item[0] for item in fitting}
+    weights = 0.5 / ALIKE_WINDOWS * np.array([len(j.sums.alone[j.k]) for j, _ in turning])
+    errors = {item: _errors(turning, scale) for item, scale in scales.items()}
+    best, *rivals = sorted(fitting, key=lambda item: float(weights @ errors[item]))
+    apart = errors[(rivals or [best])[0]] - errors[best]
+    is_sure = weights @ apart > SURELY and apart.max() > HALF
+    counts, angle, zero = item = best if is_sure else fitting[0]
+    rest = listed([f"{other[1]:.0f} degrees in {other[0]:.0f}" for other in fitting if other != item], 3)
+    how = "gravity fits so, and not" if is_sure else "friction, weights and ratios are others with what fits too:"
+    is_unlike = any(abs(j.ratio * scales[item] / abs(size) - 1.0) > RATIO_FINE for j, size in turning if j.integral)
     plain = replace(plain, velocity=None) if is_unlike else plain
-    mend = _preset(signals_of(sums), scale, zero)
-    return mend or paste(f"if {words[0]}{more}", plain, "position", scale=scale, zero=float(zero))
+    condition = (
+        f"if {angle:.0f} degrees are {counts:.0f} counts and {zero:.0f} is zero{f' ({how} {rest})' * bool(rest)}"
+    )
+    mend = _preset(signals_of(sums), scales[item], zero)
+    return mend or paste(condition, plain, "position", scale=scales[item], zero=float(zero))
+
+
+def _errors(turning: Sequence[tuple[JointSignals, float]], scale: float) -> Floats:
+    """(J,) logarithms of the mean square (A2) that gravity and friction leave of currents of joints that move alone.
+
+    A count is `scale` rad, and was read as the size (rad) beside each joint.
+    """
+    out = np.zeros(len(turning))
+    for k, (j, size) in enumerate(turning):
+        parts = [*j.sums.postures(j.k, scale / abs(size))]
+        rests = [drawn[:, j.k] - part @ np.linalg.lstsq(part, drawn[:, j.k])[0] for part, drawn in parts]
+        free = max(sum(map(len, rests)) - 5 * len(parts), 1)
+        out[k] = math.log(max(sum(float(rest @ rest) for rest in rests), 1e-12) / free)
+    return out
 
 
 def _encoders(
     turning: Sequence[tuple[JointSignals, float]], ends: Sequence[Floats], jump: float
-) -> Iterator[tuple[int, float, int]]:
+) -> Iterator[tuple[float, float, float]]:
     """Encoders by which positions fit: counts and the angle (deg) that they are, and the count at zero."""
     low, high = min(end[0] for end in ends), max(end[1] for end in ends)
-    wrapping = [pair for pair in ENCODERS if abs(jump / pair[0] - 1.0) < SAME or low == 0.0 == high + 1.0 - pair[0]]
+    wrapping = [
+        pair
+        for pair in (*ENCODERS, (360, 360.0))
+        if abs(jump / pair[0] - 1.0) < SAME or low == 0.0 == high + 1.0 - pair[0]
+    ]
     for counts, angle in wrapping or (ENCODERS if low >= 0.0 or all(map(is_whole, ends)) else ()):
         half, scale = (counts + 1) // 2, angle * factor("deg") / counts
         zeros = [half] if low >= 0.0 and high < counts else []
@@ -248,26 +288,33 @@ def _encoders(
 
 
 def _preset(signals: Sequence[JointSignals], scale: float, zero: float) -> str:
-    """A mend by the presets with these columns, if any, whose positions count so (rad a count, count at zero).
+    """A mend by the presets with such columns, if any, whose positions count so (rad a count, count at zero).
 
     And whose currents have their sign where these show it.
     """
     robot, signs = signals[0].sums.robot, {j.lost_sign[1].replace("uint16-two-complement", "int16") for j in signals}
-    log, names, formats = robot.log, list[str](), preset_formats(robot)
-    for name, other in formats.items():
-        by_preset, meaning = replace(robot, log=other), other.conversion("position", 1)
-        is_so = (
-            abs(factor_of(by_preset, "position", robot.joints[0]) / scale - 1.0) < 1e-3
-            and meaning.zero == zero
-            and signs <= {"", other.conversion("current", 1).encoding}
-        )
-        names += [name] if is_so and (other.position, other.current) == (log.position, log.current) else []
-    firsts = {repr(formats[name]): name for name in reversed(names)}  # of one with several names the first
-    names = [name for name in names if name in firsts.values()]
-    lines = [f"  preset: {name}" for name in names[:1]] + [f"  time: {json.dumps(log.time, ensure_ascii=False)}"]
-    lines += ["  velocity: null"] if log.velocity is None else []
-    alike = f" (or of preset {listed(names[1:])})" if names[1:] else ""
-    return _PASTE.format(f"if your servos are {names[0]}{alike}", "\n".join(["log:", *lines])) if names else ""
+    log, formats = robot.log, preset_formats(robot)
+    firsts = {repr(other): name for name, other in reversed(formats.items())}  # of one with several names the first
+    names = [
+        name
+        for name, other in formats.items()
+        if firsts[repr(other)] == name
+        and {*words_of(other.position)} <= {*words_of(log.position)}
+        and {*words_of(other.current)} <= {*words_of(log.current)}
+        and abs(factor_of(replace(robot, log=other), "position", signals[0].joint) / scale - 1.0) < 1e-3
+        and other.conversion("position", 1).zero == zero
+        and signs <= {"", other.conversion("current", 1).encoding}
+    ]
+    sizes = [formats[name].conversion("current", 1).scale * factor(formats[name].units["current"]) for name in names]
+    beside = [f"{name} has {size / sizes[0]:.3g} times its currents" for name, size in zip(names, sizes, strict=True)]
+    lines = [f"  preset: {' '.join(names[:1])}{f'  # {listed(beside[1:])}' * (len(names) > 1)}"]
+    lines += [
+        f"  {key}: {json.dumps(getattr(log, key), ensure_ascii=False)}"
+        for key in ("time", *QUANTITIES[:3])
+        if names and getattr(log, key) not in (getattr(formats[names[0]], key), getattr(LogFormat(), key, ""))
+    ]
+    condition = f"if your servos are {listed(names, separator=' or ')}"
+    return _PASTE.format(condition, "\n".join(["log:", *lines])) if names else ""
 
 
 def _fits(joint: Joint, ends: Floats) -> bool:
@@ -284,8 +331,8 @@ def current_encoding(signals: Sequence[JointSignals]) -> str:
     encoding, j = encodings.popitem()
     step = float(f"{j.least_change / abs(factor_of(sums.robot, 'current', j.joint)):.6g}")
     log, scale = sums.robot.log, factor_of(sums.robot, "position", sums.robot.joints[0])
-    if encoding == "sign-bit-10" and step == 1.0 and log.units.get("current", "A") == "A":
-        log = replace(log, units={**log.units, "current": "permille"})  # as servos tell their load
+    if step == 1.0 and log.units.get("current", "A") == "A":  # as servos tell their load in bit 10, and else counts
+        log = replace(log, units={**log.units, "current": "permille" if encoding == "sign-bit-10" else "raw"})
     by_preset = _preset(signals_of(sums), scale, log.conversion("position", 1).zero)
     return by_preset or paste("if so", log, "current", encoding=encoding, step=step)
 

@@ -16,6 +16,7 @@ from pumaid.preprocessing.joint_signals import (
     FEWEST_WAYS,
     FLAT_WINDOWS,
     JUMPS,
+    MOST_AMPERES,
     MOVED,
     RATIO_FINE,
     STRONG,
@@ -42,9 +43,9 @@ FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
 STILL_TIME, UNEQUAL = 0.5, 2.0
 #: What results mean by A where the unit of currents is another.
-SHOWN = {"Nm": "N m", "percent": "rated torque", "permille": "rated torque"}
-#: A; what motors of arms draw at most lies between.
-SMALL, LARGE = 0.02, 200.0
+SHOWN = {"Nm": "N m", "mNm": "N m", "percent": "rated torque", "permille": "rated torque", "raw": "counts"}
+#: A; what motors of arms draw at most is more.
+SMALL = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +190,8 @@ def _currents_swapped(sums: LogStatistics) -> Found:
     (path, moving), n = (sums.totals[name] for name in ("path", "moving")), sums.robot.n_joints
     is_measured = (moving > 0) | (path <= MOVED)
     for a in np.flatnonzero((path >= MOVED) & is_measured).tolist():
-        groups = np.array([*sums.groups[a].values()]).reshape(-1, 4 + n, 4 + n)
+        rows = [np.hstack([columns[:, :4], currents]) for columns, currents in sums.postures(a)]
+        groups = np.array([part.T @ part for part in rows]).reshape(-1, 4 + n, 4 + n)
         gravity = np.linalg.pinv(groups[:, :3, :3], rcond=1e-9, hermitian=True)
         cross = groups[:, :3, 3:]
         rest = (groups[:, 3:, 3:] - cross.transpose(0, 2, 1) @ gravity @ cross).sum(axis=0)
@@ -286,19 +288,29 @@ OTHER_CHECKS = (
           "current of joint {joint} is exactly zero in {j.zeros:.0f} of {j.moving:.0f} moving samples, and hardly ever "
           "next to zero: values that were lost were written as 0, or the drive or the sensor cuts small currents off",
           "leave lost values empty; small ones that are cut off spoil friction and gravity", column="current"),
-    Check("units-disagree", _first(lambda j: j.is_measured and j.is_counted),
-          "currents of joint {joint}{alike} are whole numbers, up to {j.largest:.4g}, as if read in counts: ratios of "
-          "gains hold, all else is in counts",
-          "see scale and units: {{current: ...}} of the recipe's log block (mA, permille, percent, Nm)",
-          column="current"),
-    Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not SMALL <= j.largest <= LARGE),
+    Check("units-disagree", _first(lambda j: j.is_counted and not j.lost_sign[0]),
+          "currents of joint {joint}{alike} are whole numbers, up to {j.largest:.4g}: counts of a driver, not A",
+          "put units: {{current: raw}} into the recipe's log block: ratios of gains hold, and all else is in counts; "
+          "or say there what a count is (mA, permille, percent, or a scale)", column="current", fault=True),
+    Check("units-disagree", _first(lambda j: j.is_measured and j.is_large and not j.is_counted),
+          "current of joint {joint}{alike} is {j.largest:.4g} A at most, and no arm's motor draws more than "
+          f"{MOST_AMPERES:g} A",
+          "put units: {{current: mA}} (or percent, permille, Nm; raw where nobody knows) into the recipe's log block",
+          column="current", fault=True),
+    Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not j.is_large
+          and not SMALL <= j.largest <= MOST_AMPERES),
           "current of joint {joint} is {j.largest:.4g} A at most, and an arm's motor draws more than "
-          f"{SMALL:g} and less than {LARGE:g} A",
+          f"{SMALL:g} and less than {MOST_AMPERES:g} A",
           "see units: {{current: ...}} in the recipe's log block", column="current"),
     Check("joints-swapped", _currents_swapped, "{what}",
           "{perhaps}positions and currents are in different orders: put {pairs} into one order"),
     Check("unit-shown",
           lambda sums: ({"shown": SHOWN[unit]} for unit in {sums.robot.log.units.get("current", "A")} & {*SHOWN}),
-          "currents are torques: where results say A, read {shown}", ""),
+          "currents are not in A: where results say A, read {shown}", ""),
+    Check("unit-shown", _first(lambda j: j.is_measured and "current" not in j.sums.robot.log.units
+          and any(word in j.sums.robot.log.current.lower() for word in ("effort", "load"))),
+          "{j.sums.robot.log.current} is read as A, and drivers write N m, A, mA or a share of a rated torque there: "
+          "weight and friction are in its unit, whatever results say",
+          "say effort: current, effort: torque or units: {{current: ...}} in the recipe's log block", column="current"),
     Check("joint-at-rest", _at_rest, "{which} in these logs", ""),
 )  # fmt: skip

@@ -1,8 +1,8 @@
 """Running statistics of logs, by which their columns are checked: sums that are fed batch by batch, and merged."""
 
 import math
-from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any, Self
 
 import numpy as np
@@ -20,8 +20,8 @@ LONGEST_WINDOW = 0.25
 SLOW = {"revolute": 0.02, "prismatic": 0.005}
 #: A joint moves alone where all others are this much slower, relative to its own speed.
 ALONE = 0.05
-#: rad or m; held positions that differ less are one posture; and postures a joint that are distinguished.
-SAME_POSTURE, POSTURES = 0.1, 300
+#: rad or m; held positions that differ less are one posture; and windows a joint that are kept for such comparisons.
+SAME_POSTURE, MOST_WINDOWS = 0.1, 6000
 #: Share of a window's velocities that must be numbers, and of its positions that repeat where a position is held.
 VELOCITIES, OFTEN = 0.5, 0.3
 #: Fewest samples of a window that can be flat.
@@ -55,9 +55,9 @@ class LogStatistics:
         positions that move on, their ``jump_sum`` and ``jump_squares``, and ``bounces`` at zero; ``products`` (2J, 2J)
         over windows of displacements and integrated velocity columns; ``copied``, ``compared`` (J, J) windows in which
         the mean currents of two joints are the same and not zero, and that have both.
-    groups
-        By joint (from 0) and posture of the others, over windows in which it moves alone, (4 + J, 4 + J) sums of
-        products of (1, cos, sin, direction, all mean currents).
+    alone
+        By joint (from 0), (W, 2J + 1) positions, speed and mean currents in windows in which it moves alone; of many
+        every second, fourth ... stays.
     levels
         By joint: the two largest of positive currents, of the sizes of negative ones, and of minus the sizes of those
         that are not zero (A) while moving, and how often each occurs.
@@ -73,7 +73,7 @@ class LogStatistics:
         self.totals["sizes"] = np.zeros((n, CLASSES))
         self.intervals: list[float] = []
         self.levels: list[list[Counter[float]]] = [[Counter(), Counter(), Counter()] for _ in range(n)]
-        self.groups: defaultdict[int, dict[tuple[int, ...], Floats]] = defaultdict(dict)
+        self.alone = [np.zeros((0, 2 * n + 1))] * n
         self._rest: Log | None = None
 
     def _add(self, joint: int | slice = slice(None), /, **parts: Any) -> None:
@@ -105,7 +105,7 @@ class LogStatistics:
             self.levels[j] = [
                 _largest(a + b, np.zeros(0)) for a, b in zip(self.levels[j], other.levels[j], strict=True)
             ]
-            self._add_groups(j, other.groups[j])
+            self._add_alone(j, other.alone[j])
 
     def interval(self) -> float:
         """Median time between samples (s), NaN if there is none."""
@@ -175,19 +175,25 @@ class LogStatistics:
         size = np.abs(speed)
         for j in np.flatnonzero(moves.any(axis=0)).tolist():
             alone = moves[:, j] & (np.delete(size, j, axis=1).max(axis=1, initial=0.0) < ALONE * size[:, j])
-            way, angle = np.sign(speed[alone, j]), middle[alone, j]
-            rows = np.column_stack([np.ones(len(way)), np.cos(angle), np.sin(angle), way, np.nan_to_num(mean[alone])])
-            held = np.round(np.delete(middle[alone], j, axis=1) / SAME_POSTURE).astype(np.int64)
-            postures, which = np.unique(held, axis=0, return_inverse=True)
-            parts = [rows[which.reshape(-1) == k] for k in range(len(postures))]
-            sums = [part.T @ part for part in parts]
-            self._add_groups(j, dict(zip(map(tuple, postures.tolist()), sums, strict=True)))
+            self._add_alone(j, np.column_stack([middle, speed[:, j], np.nan_to_num(mean)])[alone])
 
-    def _add_groups(self, j: int, more: Mapping[tuple[int, ...], Floats]) -> None:
-        groups = self.groups[j]
-        for posture, sums in more.items():
-            if posture in groups or len(groups) < POSTURES:
-                groups[posture] = groups.get(posture, 0.0) + sums
+    def _add_alone(self, joint: int, more: Floats) -> None:
+        rows = np.concatenate([self.alone[joint], more])
+        self.alone[joint] = rows[:: 1 + len(rows) // MOST_WINDOWS]
+
+    def postures(self, joint: int, scale: float = 1.0) -> Iterator[tuple[Floats, Floats]]:
+        """Of each posture in which a joint (from 0) moves alone, (W, 5) 1, cos, sin, direction and speed, and (W, J)
+        currents; with positions times `scale`.
+        """
+        n, rows = self.robot.n_joints, self.alone[joint]
+        place = scale * rows[:, :n]
+        held = np.round(np.delete(place, joint, axis=1) / SAME_POSTURE).astype(np.int64)
+        angle, speed = place[:, joint], rows[:, n]
+        columns = np.column_stack([np.ones(len(rows)), np.cos(angle), np.sin(angle), np.sign(speed), speed])
+        _, which = np.unique(held, axis=0, return_inverse=True)
+        for k in range(which.max(initial=-1) + 1):
+            chosen = which.reshape(-1) == k
+            yield columns[chosen], rows[chosen, n + 1 :]
 
 
 def _counts(flags: Flags, starts: Counts) -> Counts:

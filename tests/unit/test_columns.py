@@ -103,6 +103,43 @@ def test_counts_of_encoders_are_refused_with_the_block_that_reads_them(
     assert np.abs(log.position - q).max() <= 0.501 * angle / counts and log.velocity is None
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("counts", [3600, 4096, 2000.0 * np.pi, 8192])
+def test_gravity_tells_how_many_counts_make_a_turn(tmp_path: Path, counts: float, seed: int) -> None:
+    """Its waves have the length of a turn, whatever fits the limits: tenths of a degree are no ticks of servos."""
+    time, q, current = motion(seed)
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.round(q * counts / 2 / np.pi).astype(int), current)
+    error = refused(path, robot())
+    assert "gravity fits so, and not 360 degrees in" in error.mend
+    assert np.abs(read(path, pasted(error)).position - q).max() <= 0.501 * 2 * np.pi / counts
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_friction_that_grows_with_the_load_passes_for_no_other_count(tmp_path: Path, seed: int) -> None:
+    """Its square bends the waves of gravity; ticks of a servo stay ticks."""
+    time, q, current = motion(seed)
+    current += 3.0 * np.sign(np.gradient(q, axis=0)) * (0.3 * np.sin(q)) ** 2
+    ticks = np.round(q * 4096 / 2 / np.pi).astype(int)
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, ticks, current)
+    assert "if 360 degrees are 4096 counts" in refused(path, robot()).mend
+
+
+def test_where_no_weight_tells_the_count_all_that_fit_are_named(tmp_path: Path) -> None:
+    """Friction alone shows no turn: the block is of the usual servo, and says what else it may be."""
+    time, q, current = motion()
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.round(573 * q).astype(int), current - 0.3 * np.sin(q))
+    mend = refused(path, robot()).mend
+    assert (
+        "if 360 degrees are 4096 counts" in mend and "ratios are others with what fits too: 360 degrees in 3600" in mend
+    )
+
+
+def test_degrees_from_0_to_360_begin_anew_at_a_turn(tmp_path: Path) -> None:
+    time, q, current = motion()
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.degrees(q) % 360.0, current)
+    assert np.abs(read(path, pasted(refused(path, robot()))).position - q).max() < 1e-6
+
+
 @pytest.mark.parametrize("counts", [4096, 16384])
 def test_encoders_that_begin_anew_are_taken_as_continuous(tmp_path: Path, counts: int) -> None:
     """A range from 0 to the last count of a turn is one, not a sign that was lost."""
@@ -191,14 +228,16 @@ def test_what_no_column_can_mean_is_refused(column: str, words: str) -> None:
     assert "log.position" in str(caught.value)
 
 
-def test_currents_in_counts_are_noted(tmp_path: Path) -> None:
-    """Whole amperes are counts; once they have a scale nothing is said."""
+def test_currents_in_counts_are_refused_until_a_recipe_says_so(tmp_path: Path) -> None:
+    """Whole amperes are counts: with a scale they are A, and with the block of the refusal results say counts."""
     time, q, current = motion()
     path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, q, np.round(200 * current).astype(int))
-    texts = [note.text for note in ingest([path], robot()).notes]
-    assert any("whole numbers" in text for text in texts)
-    scaled = robot("log: {current: {column: 'i{joint}', scale: 0.005}}\n")
-    assert not any("whole numbers" in note.text for note in ingest([path], scaled).notes)
+    error = refused(path, robot())
+    assert error.slug == "units-disagree" and "whole numbers" in error.what
+    assert "units: {current: raw}" in error.mend
+    (note,) = ingest([path], robot("log: {units: {current: raw}}\n")).notes
+    assert "where results say A, read counts" in note.text
+    assert not ingest([path], robot("log: {current: {column: 'i{joint}', scale: 0.005}}\n")).notes
 
 
 def frame(path: Path, columns: dict[str, object]) -> Path:
@@ -359,6 +398,19 @@ def test_columns_are_known_as_controllers_and_people_name_them(tmp_path: Path, h
     np.testing.assert_allclose(log.current, current)
 
 
+def test_thousandths_that_names_tell(tmp_path: Path) -> None:
+    """Of a radian and of a newton metre; CiA 402's torques are thousandths of the rated one."""
+    time, q, current = motion()
+    for torque, shown in (("tau{}_mNm", "N m"), ("torque_actual_value_{}", "rated torque")):
+        names = ",".join(["t,q1_mrad,q2_mrad,qd1_mrad,qd2_mrad", torque.format(1), torque.format(2)])
+        speed = 1e3 * np.gradient(q, time, axis=0)
+        path = table(tmp_path / "log.csv", names, time, 1e3 * q, speed, np.round(1e3 * current))
+        log = read(path, robot())
+        assert log.velocity is not None and np.abs(log.velocity - 1e-3 * speed).max() < 1e-9
+        assert np.abs(log.position - q).max() < 1e-9 and np.abs(log.current - current).max() <= 0.501e-3
+        assert any(f"read {shown}" in note.text for note in ingest([path], robot()).notes)
+
+
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_episodes_of_a_file_are_recordings_of_their_own(tmp_path: Path, ending: str) -> None:
     """As LeRobot writes several into one file: time begins anew, and no run reaches from one into the next."""
@@ -513,15 +565,44 @@ def test_every_preset_is_a_log_block_and_tells_its_source() -> None:
 def test_a_preset_is_offered_for_its_columns_and_overridden(tmp_path: Path) -> None:
     """Of a log without a block; a part of a quantity that is stated goes over the preset's, the rest stays."""
     time, q, current = motion()
+    current += 0.3 * (np.sin(0.8 * q) - np.sin(q))  # gravity of these positions
     path = frame(tmp_path / "log.csv", DEVICES["dynamixel-x"](time, 0.8 * q, current))
     error = refused(path, robot())
-    assert "preset: dynamixel-x\n" in error.mend and "dynamixel-xl330" in error.mend
+    assert "preset: dynamixel-x  # dynamixel-xl330 has 0.372 times its currents" in error.mend
     assert np.abs(read(path, pasted(error)).position - 0.8 * q).max() < 1e-3
     log = robot("log: {preset: dynamixel_x, position: {zero: 0}, current: 'i{joint}', units: {current: A}}\n").log
     assert (log.conversion("position", 1).zero, log.conversion("position", 1).scale) == (0.0, np.pi / 2048)
     assert (log.column("current", 2), log.conversion("current", 2).scale) == ("i2", 2.69)
     with pytest.raises(PumaidError, match="did you mean ur-rtde"):
         robot("log: {preset: ur-rtd}\n")
+
+
+@pytest.mark.parametrize("form", ["Present_{}_{}", "{1}/present_{0}", "[ID:00{1}] Present {0}"])
+def test_a_preset_is_offered_for_columns_written_otherwise(tmp_path: Path, form: str) -> None:
+    """In other capitals or another order of words, each quantity with its column; a sign in a bit is Feetech's."""
+    time, q, current = motion()
+    names = [form.format(word, k) for word in ("Position", "Current") for k in (1, 2)]
+    ticks = np.round(q * 4096 / 2 / np.pi).astype(int) + 2048
+    for step, name in ((2.69, "dynamixel-x"), (6.5, "feetech-sts")):
+        counts = np.round(1e3 * current / step).astype(int)
+        counts = with_bit(counts, 15) if step == 6.5 else counts
+        path = table(tmp_path / f"{name}.csv", ",".join(["timestamp", *names]), time, ticks, counts)
+        error = refused(path, robot())
+        assert f"preset: {name}" in error.mend
+        log = read(path, pasted(error))
+        assert np.abs(log.position - q).max() < 1e-3 and np.abs(log.current - current).max() < 0.004
+
+
+def test_efforts_without_a_unit_are_told_as_what_they_are_taken(tmp_path: Path) -> None:
+    """ROS says N m and many drivers write A; a word in the recipe ends the doubt."""
+    time, q, current = motion()
+    path = table(tmp_path / "log.csv", "t,q1,q2,effort_1,effort_2", time, q, current)
+    block = "log: {current: 'effort_{joint}'"
+    assert any("is read as A" in note.text for note in ingest([path], robot(f"{block}}}\n")).notes)
+    for unit in ("effort: current", "units: {current: A}"):
+        assert not ingest([path], robot(f"{block}, {unit}}}\n")).notes
+    (note,) = ingest([path], robot(f"{block}, effort: torque}}\n")).notes
+    assert "read N m" in note.text
 
 
 def test_a_note_on_loads_shows_the_lines_that_state_them(tmp_path: Path) -> None:

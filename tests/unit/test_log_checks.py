@@ -180,7 +180,9 @@ CASES = {
     "freezes": (with_current(frozen), {}, "current-frozen", "% of the time"),
     "position repeated": (repeated(2, 1e-6), {}, "position-held", ""),
     "position repeated in steps": (repeated(3, 2e-4), {}, "position-held", ""),
-    "milliamperes": (scaled(current=1e3), {}, "units-disagree", "more than"),
+    "milliamperes": (scaled(current=1e3), {}, "UNITS-DISAGREE", "more than"),
+    "few absurd currents": (with_current(lambda i, log: np.where(np.arange(len(i)) % 997 == 500, 1e5, i)),
+        {}, "units-disagree", "less than 200 A"),
     "ten a second": (lambda log: log.part(slice(0, len(log), 20)), {}, "time-unit", "10"),
 }  # fmt: skip
 
