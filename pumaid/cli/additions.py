@@ -77,10 +77,7 @@ def with_commands(
     """
     from pumaid.diagnosis.diagnose import IDENTIFY
 
-    words = ["pumaid", "identify", *experiment.logs]
-    words += [] if experiment.recipe is None else ["--recipe", str(experiment.recipe)]
-    for option, values in (("--heldout", experiment.heldout), ("--effects", effects)):
-        words += [word for value in values for word in (option, str(value))]
+    words = ["pumaid", "identify", *typed_words(experiment, effects)]
     in_recipe = {(choice.effect, joint) for choice in robot.effects for joint in (choice.joint, None)}
     for choice in reopened(estimate):
         if not {(choice.effect, choice.joint), (choice.effect, None)} & in_recipe:
@@ -95,6 +92,14 @@ def with_commands(
         joints=tuple(replace(joint, candidates=pasted(joint.candidates)) for joint in diagnosis.joints),
         findings=pasted(diagnosis.findings),
     )
+
+
+def typed_words(experiment: Experiment, effects: Sequence[Path] = ()) -> list[str]:
+    """The logs, and the options of the experiment and of own `effects`, as the user typed them."""
+    words = [*experiment.logs, *([] if experiment.recipe is None else ["--recipe", str(experiment.recipe)])]
+    for option, values in (("--heldout", experiment.heldout), ("--effects", effects)):
+        words += [word for value in values for word in (option, str(value))]
+    return words
 
 
 def added(

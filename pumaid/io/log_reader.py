@@ -536,6 +536,11 @@ def _faults(
             mend = (
                 f"the log's joints are {listed([*dict.fromkeys(joints)])}: give each its log_name in the recipe; {mend}"
             )
+        parts = (replace(robot, joints=robot.joints[:n], log=LogFormat()) for n in range(robot.n_joints - 1, 0, -1))
+        fewer = next((part.n_joints for part in parts if not joints and guessed(header, part)[1]), 0)
+        if fewer:
+            what = f"{name} has columns of {fewer} of the {robot.n_joints} joints of the recipe"
+            mend = "leave the others out of the recipe (a URDF's by --tip LINK), and hold them still while you log"
         faults.append(LogError("column-missing", what, where, mend))
     used = {*times, *(column for columns in wanted.values() for column in columns)}
     doubled = [column for column, times in Counter(header).items() if times > 1 and column in used]

@@ -621,3 +621,10 @@ def test_a_note_on_loads_shows_the_lines_that_state_them(tmp_path: Path) -> None
     (tmp_path / "recipe.yaml").write_text(f"{one}{block}\n")
     constant = next(item for item in pumaid.identify(tmp_path).values if item.name == "torque_constant.j1")
     assert abs(constant.value - 0.9) < 4.0 * constant.std_error < 0.02
+
+
+def test_a_log_of_fewer_joints_than_the_recipe_is_told_as_that(tmp_path: Path) -> None:
+    """Not as columns that are missing."""
+    time, q, current = motion()
+    path = table(tmp_path / "log.csv", "time,pos_1,current_1", time, q[:, 0], current[:, 0])
+    assert refused(path, robot()).what.endswith("log.csv has columns of 1 of the 2 joints of the recipe")

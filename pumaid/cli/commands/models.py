@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, remark, show, spare_inputs, write_picture, write_result
+from pumaid.cli.output import document, effect_files, notes, remark, show, spare_inputs, write_picture, write_result
 
 if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
@@ -138,7 +139,7 @@ def identify(
       pumaid identify s3://bucket/logs --dask tcp://10.0.0.5:8786
       pumaid identify - --recipe recipe.yaml --json < log.csv | jq '.ratios'
     """
-    from pumaid.cli.additions import identified
+    from pumaid.cli.additions import identified, typed_words
     from pumaid.dataset import CONSTANT
     from pumaid.effect_spec import chosen_by
     from pumaid.reporting.tables import combination_table, parameter_table
@@ -163,7 +164,8 @@ def identify(
         sums = combination_table(estimate)
         show(parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3]))
     if str(output) != "-":
-        remark(f"model written to {path}")
+        words = shlex.join(["pumaid", "diagnose", str(path), *typed_words(experiment, effect_files())])
+        remark(f"model written to {path}; next: {words}")
 
 
 @click.command()
