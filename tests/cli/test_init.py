@@ -1,11 +1,17 @@
 """``pumaid init`` as a user runs it."""
 
 import hashlib
+import os
+import pty
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import answer, run
+from pendulum_sample import ARM as SAMPLE
 from urdfs import Stated, serial_text, tree_text
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
@@ -111,3 +117,35 @@ def test_a_description_stands_where_a_recipe_does():
     assert answer("compare results/model.json logs --recipe arm.xml")["rmse"] < 0.02
     Path("two.urdf").write_text(tree_text(("l1", "base", "a"), ("r1", "base", "c")))
     assert "with pumaid init" in run("plan", "two.urdf", code=3).stderr
+
+
+def conversation(*answers: str) -> str:
+    """What a terminal shows of ``pumaid init`` to a person who types these answers."""
+    master, terminal = pty.openpty()
+    line = [sys.executable, "-m", "pumaid", "init"]
+    with subprocess.Popen(line, stdin=terminal, stdout=terminal, stderr=terminal, close_fds=True) as process:
+        os.close(terminal)
+        os.write(master, "".join(f"{answer}\n" for answer in answers).encode())
+        shown = b""
+        with suppress(OSError):  # the terminal closes with the program
+            while part := os.read(master, 4096):
+                shown += part
+    os.close(master)
+    assert process.returncode == 0, shown.decode()
+    return shown.decode()
+
+
+def test_in_a_terminal_it_asks_for_robot_and_logs():
+    """Columns that are known by their names are shown and confirmed, and the recipe reads the log."""
+    rows = (SAMPLE / "logs" / "session_01.csv").read_text(encoding="utf-8").removeprefix("t,q1,q2,i1,i2")
+    Path("log.csv").write_text(f"timestamp,actual_pos_1,actual_pos_2,i1,i2{rows}", encoding="utf-8")
+    shown = conversation("pendulum2", "log.csv", "y")
+    assert 'position: "actual_pos_{joint}"' in shown
+    assert "actual_pos_{joint}" in Path("recipe.yaml").read_text(encoding="utf-8").split("\nlog:\n")[1]
+    assert answer("identify log.csv")["joints"][1]["runs"] > 10
+
+
+def test_in_a_terminal_there_may_be_no_logs_yet():
+    """A URDF and nothing more gives its recipe."""
+    conversation("arm.urdf", "")
+    assert read_recipe(Path("recipe.yaml")).n_joints == 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ import rich_click as click
 
 from pumaid.cli import options
 from pumaid.cli.output import document, notes, progress, remark, say, show, spare_inputs, write_picture, write_result
-from pumaid.errors import ResultError, Where, listed, meant
+from pumaid.errors import PumaidError, ResultError, Where, listed, meant
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
@@ -57,7 +58,7 @@ def init(
 ) -> None:
     """Write a recipe to start from: a robot that pumaid knows, one described by a file, or a blank one to fill in.
 
-    NAME is a robot's name from --list, or blank.
+    NAME is a robot's name from --list, or blank. In a terminal without NAME it asks for robot and logs.
 
     \b
     Example:
@@ -105,6 +106,8 @@ def init(
 def _recipe_text(name: str | None, joints: int | None) -> str:
     from pumaid.io.recipe import blank, shipped_recipes, started_from
 
+    if name is None and sys.stdin.isatty() and sys.stdout.isatty():
+        return _asked_recipe()
     names = [*shipped_recipes(), "blank"]
     if name not in names:
         raise click.UsageError(
@@ -115,6 +118,32 @@ def _recipe_text(name: str | None, joints: int | None) -> str:
     if name != "blank" and joints is not None:
         raise click.UsageError(f"--joints is for a blank recipe; {name} has its own.")
     return blank(joints or 6) if name == "blank" else started_from(name)
+
+
+def _asked_recipe() -> str:
+    """The text of a recipe of the robot that the user names, with the `log` block of the logs that are named."""
+    from pumaid.io.paths import expand
+    from pumaid.io.recipe import parsed_recipe
+    from pumaid.io.urdf import UrdfRecipe
+    from pumaid.preprocessing.ingest import ingest
+
+    name = click.prompt("Robot (a name of pumaid init --list, or a URDF, xacro or MJCF file)", err=True)
+    made = UrdfRecipe(Path(name)) if Path(name).is_file() else None
+    notes(made.notes if made else ())
+    recipe = made.text if made else _recipe_text(name, None)
+    logs = click.prompt("Logs (a file or folder; Enter if there are none yet)", "", show_default=False, err=True)
+    if not logs:
+        return recipe
+    paths = expand([logs])[:1]
+    try:
+        dataset = ingest(paths, parsed_recipe(recipe.encode(), "recipe.yaml"))
+        text = "".join(note.text for note in dataset.notes if note.slug == "columns-named")
+    except PumaidError as error:
+        text = str(getattr(error, "faults", [error])[0])
+    remark(text or "The log has the columns of the recipe.")
+    _, is_offered, lines = text.partition("log:\n")
+    is_right = bool(is_offered) and click.confirm("Do the columns mean that?", default=True, err=True)
+    return f"{recipe.rstrip()}\n\n{is_offered}{lines}\n" if is_right else recipe
 
 
 def _list_robots(as_json: bool) -> None:
