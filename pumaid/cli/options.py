@@ -25,6 +25,7 @@ class PathType(click.Path):
 
 
 FILE, FILE_OR_PIPE = PathType(path_type=Path), PathType(path_type=Path, allow_dash=True)
+EXISTING = PathType(path_type=Path, exists=True, dir_okay=False)
 #: Files, folders, globs and URLs, as they were typed.
 LOGS = PathType(path_type=str, allow_dash=True)
 

@@ -13,9 +13,9 @@ from scipy.stats import f as fisher
 from pumaid.errors import ModelError, Where
 from pumaid.exports.formulas import Formulas, base_places
 from pumaid.exports.possible_bodies import possible
-from pumaid.maths import Flags, Floats
+from pumaid.maths import Floats
 from pumaid.model import minimal
-from pumaid.rigid_body import PARAMETERS, asked, of_bodies, regrouping, steiner, whole
+from pumaid.rigid_body import PARAMETERS, asked, of_bodies, regrouping, whole
 from pumaid.robot import Robot, turn_of_z
 from pumaid.simulation.virtual_robot import carried_moment, link_of
 from pumaid.trajectory import accelerations, highest_speeds
@@ -53,26 +53,6 @@ class Bodies:
     damping: Floats  # (J,) N m s/rad or N s/m
     mount: Floats  # (3, 3)
     remarks: tuple[str, ...]
-
-    @property
-    def masses(self) -> Floats:
-        """(J,) kg."""
-        return self.parameters[:, 0]
-
-    @property
-    def centres(self) -> Floats:
-        """(J, 3) m, each in its link's frame."""
-        return self.parameters[:, 1:4] / self.masses[:, None]
-
-    @property
-    def tensors(self) -> Floats:
-        """(J, 6) kg m2 about the centres of mass, in axes of the links: xx, xy, xz, yy, yz, zz."""
-        return self.parameters[:, 4:10] - steiner(self.masses, self.centres)
-
-    @property
-    def rotors(self) -> Floats:
-        """(J,) kg m2, or kg, of the motors as their joints feel them."""
-        return self.parameters[:, 10]
 
 
 def bodies(formulas: Formulas, given: Mapping[int, float] | None) -> Bodies:
@@ -316,45 +296,29 @@ def known_constants(formulas: Formulas, given: Mapping[int, float] | None = None
     that identified ratios of gains tie to one of them.
     """
     estimate, n, remarks, ratios = formulas.estimate, formulas.robot.n_joints, list[str](), formulas.ratios.copy()
-    shown = [value for value in estimate.values if value.name.startswith("torque_constant.")]
-    constants = given or {value.joint or 0: value.value for value in shown if value.value is not None}
-    if not constants and formulas.robot.log.units.get("current") == "Nm":
-        constants = dict.fromkeys(range(1, n + 1), 1.0)
-    pairs = [value for value in estimate.values if value.name.startswith("gain_ratio.")]
-    for value in sorted(pairs, key=lambda value: value.value is not None):
+    loaded = {
+        value.joint or 0: value.value
+        for value in estimate.values
+        if value.name.startswith("torque_constant.") and value.value is not None
+    }
+    in_torque = range(1, n + 1) if formulas.robot.log.units.get("current") == "Nm" else ()
+    constants = given or loaded or dict.fromkeys(in_torque, 1.0)
+    for value in sorted(
+        [value for value in estimate.values if value.name.startswith("gain_ratio.")],
+        key=lambda value: value.value is not None,
+    ):
         inner, outer = map(int, value.name.split(".")[1:])
         has_no_sign = value.ci95 is not None and value.ci95[0] <= 0.0 <= value.ci95[1]
-        if value.value is not None and not has_no_sign:
+        if value.value is None or has_no_sign:
+            ratios[:inner, outer - 1 :] = 0.0
+        else:
             ratios[inner - 1, outer - 1] = value.value
-            continue
-        ratios[:inner, outer - 1 :] = 0.0
-        if has_no_sign:
-            remarks.append(f"joints {inner} and {outer}: not even the sign of their ratio of gains is told")
+        remarks += [f"joints {inner} and {outer}: not even the sign of their ratio of gains is told"] * has_no_sign
     out = np.array([constants.get(joint) or np.nan for joint in range(1, n + 1)])
     _spread(out, ratios)
-    if len(constants) < np.isfinite(out).sum():
-        remarks.append("torque constants that were not given follow from the identified ratios of gains")
+    follows = len(constants) < np.isfinite(out).sum()
+    remarks += ["torque constants that were not given follow from the identified ratios of gains"] if follows else []
     return out, ratios, remarks
-
-
-def untied(constants: Floats, ratios: Floats) -> Iterator[Floats]:
-    """(J,) of each group of joints without torque constants that ratios tie: their constants when one of them is 1.
-
-    Others are NaN.
-    """
-    rest = np.isnan(constants)
-    while rest.any():
-        group = np.full(len(constants), np.nan)
-        group[np.argmax(rest)] = 1.0
-        _spread(group, ratios)
-        yield np.where(rest, group, np.nan)
-        rest &= np.isnan(group)
-
-
-def joints_text(chosen: Flags) -> str:
-    """``joint 3`` or ``joints 3, 4``, of (J,) flags."""
-    numbers = [str(place + 1) for place in np.flatnonzero(chosen)]
-    return f"joint{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
 
 
 def _assume(constants: Floats, ratios: Floats, formulas: Formulas) -> Iterator[str]:
@@ -362,14 +326,19 @@ def _assume(constants: Floats, ratios: Floats, formulas: Formulas) -> Iterator[s
 
     The largest of each group is 1, with the sign by which friction opposes motion.
     """
-    for group in list(untied(constants, ratios)):
-        tied = np.isfinite(group)
-        opposing = np.nansum(np.sign(group) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
+    while np.isnan(constants).any():
+        group, is_open = np.full(len(constants), np.nan), np.isnan(constants)
+        group[np.argmax(is_open)] = 1.0
+        _spread(group, ratios)
+        tied = np.isfinite(group) & is_open
+        opposing = np.nansum(np.where(tied, np.sign(group), 0.0) * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]))
         constants[tied] = group[tied] / np.abs(group[tied]).max() * (-1.0 if opposing < 0.0 else 1.0)
         rest = ", the others follow from the identified ratios of gains" if tied.sum() > 1 else ""
+        numbers = ", ".join(str(place + 1) for place in np.flatnonzero(tied))
         yield (
-            f"no torque constant of {joints_text(tied)} was given: the largest there is taken as 1 N m/A (N/A){rest};"
-            " torques and masses there are right but for one factor (--torque-constants JOINT=K)"
+            f"no torque constant of joint{'s' if tied.sum() > 1 else ''} {numbers} was given: the largest there is"
+            f" taken as 1 N m/A (N/A){rest}; torques and masses there are right but for one factor"
+            " (--torque-constants JOINT=K)"
         )
 
 
@@ -379,13 +348,12 @@ def friction_torques(formulas: Formulas, torques: Floats) -> tuple[Floats, Float
     Neither is negative: what would push along the motion is 0, and told.
     """
     dry = 0.5 * (formulas.coulomb[:, 0] - formulas.coulomb[:, 1]) * torques
-    rise, remarks = formulas.viscous.mean(axis=1) * torques, list[str]()
-    for sizes, what in ((dry, "Coulomb friction"), (rise, "damping")):
-        remarks += [
-            f"{what} of joint {place + 1} comes out as {sizes[place]:.3g} with this torque constant, along motion: 0"
-            " is written"
-            for place in np.flatnonzero(sizes < 0.0)
-        ]
+    rise = formulas.viscous.mean(axis=1) * torques
+    remarks = [
+        f"{what} of joint {place + 1} comes out as {sizes[place]:.3g} with this constant, along motion: 0 is written"
+        for sizes, what in ((dry, "Coulomb friction"), (rise, "damping"))
+        for place in np.flatnonzero(sizes < 0.0)
+    ]
     return np.maximum(dry, 0.0), np.maximum(rise, 0.0), remarks
 
 

@@ -16,6 +16,10 @@ from pumaid.maths import Counts, Flags, Floats
 from pumaid.model import Model, felt_ratios, loads
 from pumaid.rigid_body import PARAMETERS, base_parameters
 from pumaid.robot import Robot
+from pumaid.trajectory import highest_speeds
+
+#: Random states in which sizes are looked for, with this seed; the slowest speed, beside the highest.
+STATES, SEED, SLOWEST = 1000, 0, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,14 +146,26 @@ class Formulas:
         mixed = _mixed(self.robot, estimate)
         return mixed @ estimate.covariance[np.ix_(numbers, numbers)] @ mixed.T, mixed @ estimate.blind[numbers]
 
-    def predicted(self, position: Floats, velocity: Floats) -> Floats:
-        """(N, J) A by the model itself, not by these formulas, without what is left out; every joint is in motion."""
+    def predicted(self, position: Floats, velocity: Floats, *, without: str = "") -> Floats:
+        """(N, J) A by the model itself, not by these formulas, without what is left out and one effect more.
+
+        Every joint is in motion.
+        """
         model = Model.of_estimate(self.robot, self.estimate)
-        lost = {lack.name for lack in self.left_out}
+        lost = {lack.name for lack in self.left_out} | {without}
         places = {place for place, effect in enumerate(model.effects) if spoken(effect) in lost}
         gone = np.array([column.place in places for column in model.columns], dtype=bool)
         bare = replace(self.estimate, solution=np.where(gone, 0.0, self.estimate.solution))
         return np.column_stack([model.predict(bare, samples) for samples in _instants(model, bare, position, velocity)])
+
+    def states(self) -> tuple[Floats, Floats]:
+        """(N, J) random positions within the limits, and velocities of all sizes, either way."""
+        robot, rng = self.robot, np.random.default_rng(SEED)
+        whole = [(-np.pi, np.pi) if joint.is_revolute else (-1.0, 1.0) for joint in robot.joints]
+        low, high = np.transpose([joint.limits or span for joint, span in zip(robot.joints, whole, strict=True)])
+        position = rng.uniform(low, high, (STATES, robot.n_joints))
+        speed = highest_speeds(robot) * SLOWEST ** rng.uniform(0.0, 1.0, position.shape)
+        return position, speed * rng.choice([-1.0, 1.0], position.shape)
 
     def weight(self, position: Floats) -> Floats:
         """(N, J) A of gravity by the paper's model, by the model itself."""

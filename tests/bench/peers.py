@@ -30,7 +30,6 @@ from pass_speed import append
 
 from pumaid import export, read_model
 from pumaid.dataset import Log
-from pumaid.exports.formats.rigid_chain import xml_name
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.io.write import write_log
 from pumaid.simulation import Friction, draw, simulate
@@ -152,7 +151,7 @@ def prepare(folder, joints, log_of, rows):
     columns = {"time": log.time, "position": log.position, "velocity": log.velocity}
     np.savez(folder / "log.npz", torque=log.current / truth.gain, **columns)
     np.savez(folder / "questions.npz", **questions(truth))
-    names = ", ".join(xml_name(joint.name) for joint in robot.joints)
+    names = ", ".join(joint.name for joint in robot.joints)
     ones, zeros = (", ".join([digit] * joints) for digit in "10")
     (folder / "figaroh.yaml").write_text(FIGAROH.format(names=names, ones=ones, zeros=zeros, rate=RATE))
     (folder / "arm.csv").write_text(mdh_table(robot))

@@ -1,6 +1,5 @@
 """``pumaid export`` as a user types it."""
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ PAGE = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
 
 
-SUFFIXES = {"c": ".h .c", "python": ".py", "json": ".json", "matlab": ".m", "urdf": ".urdf", "mjcf": ".xml"}
+SUFFIXES = {"c": ".h .c _example.c", "python": ".py", "json": ".json", "matlab": ".m", "urdf": ".urdf", "mjcf": ".xml"}
 ADDED = ("--add", "stribeck@2:velocity=0.2,exponent=1")
 EXPORT = ("export", "results/model.json", "--format")
 
@@ -34,7 +33,7 @@ def fitted(fitted, tmp_path_factory) -> Path:
 def test_files_say_what_is_not_in_them(arm, form):
     """Beside the model, or named with -o, they list what is left out and not determined; so does the document."""
     suffixes = SUFFIXES[form].split()
-    told = answer(f"export results/model.json --format {form} -o out{suffixes[-1]}")
+    told = answer(f"export results/model.json --format {form} -o out{suffixes[0]}")
     assert (told["kind"], told["form"]) == ("export", form)
     assert told["files"] == [f"out{suffix}" for suffix in suffixes]
     texts = "".join(Path(name).read_text() for name in told["files"])
@@ -43,6 +42,26 @@ def test_files_say_what_is_not_in_them(arm, form):
     done = run(*EXPORT, form)
     assert all((arm / "results" / f"two_link_pendulum{suffix}").is_file() for suffix in suffixes)
     assert done.stdout == "" and "two_link_pendulum" in done.stderr
+
+
+def test_friction_goes_into_a_copy_of_the_users_file(arm):
+    """Beside it, named after it; never over it unless forced; one of both options, and a file that is there."""
+    run(*EXPORT, "mjcf", "-o", "Arm v1.xml")
+    before = Path("Arm v1.xml").read_bytes()
+    into = ("export", "results/model.json", "--into", "Arm v1.xml", "--torque-constants", "1=8")
+    told = run(*into).stderr
+    after = Path("Arm v1_identified.xml").read_bytes()
+    assert "joint 1 (hip): frictionloss" in told and "stribeck@2" in told and Path("Arm v1.xml").read_bytes() == before
+    assert after != before and len(after.split(b"\n")) == len(before.split(b"\n"))
+    assert "--force" in run(*into, code=3).stderr and "--force" in run(*into, "-o", "Arm v1.xml", code=3).stderr
+    run(*into, "-o", "Arm v1.xml", "--force")
+    assert Path("Arm v1.xml").read_bytes() == after
+    run(*into, "--format", "mjcf", code=2)
+    run("export", "results/model.json", code=2)
+    run("export", "results/model.json", "--into", "none.xml", code=2)
+    Path("empty.xml").write_bytes(b"")
+    told = run("export", "results/model.json", "--into", "empty.xml", "--torque-constants", "1=8", code=3).stderr
+    assert "error[into-refused]" in told and "hip, knee" in told
 
 
 def test_what_stands_there_is_kept_unless_forced(arm):
@@ -59,8 +78,7 @@ def test_what_stands_there_is_kept_unless_forced(arm):
 def _can(text: str) -> bool:
     """Whether this machine has what a block needs."""
     needs = {"gcc": "gcc", "octave": "octave-cli"}
-    has_pinocchio = importlib.util.find_spec("pinocchio") is not None or "masses.py" not in text
-    return has_pinocchio and all(shutil.which(program) for word, program in needs.items() if word in text)
+    return all(shutil.which(program) for word, program in needs.items() if word in text)
 
 
 def test_the_page_runs_as_printed(arm, monkeypatch):

@@ -3,6 +3,7 @@
 import ast
 import ctypes
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 
 from pumaid.estimation.estimate import identify
 from pumaid.exports import export
-from pumaid.robot import EffectChoice
+from pumaid.robot import Conversion, EffectChoice, LogFormat
 from tests.exported import EXACT, NOT_WRITTEN, every_effect, fitted, motions, off, predicted, robot_called
 from tests.json_model import current
 from tests.matlab_lines import as_python
@@ -232,3 +233,53 @@ def test_any_names_are_written(tmp_path):
     (tmp_path / "plain").mkdir()
     plain = compiled(tmp_path / "plain", robot_called("crane"), fitted(robot_called("crane")))
     np.testing.assert_array_equal(drawn, plain("gravity", posture))
+
+
+@needs_gcc
+def test_the_example_of_a_loop_ends_at_the_models_current_by_limited_steps(tmp_path):
+    """It compiles as strictly; where a reading is lost, currents stay."""
+    robot, estimate, position, *_ = case("panda", True)
+    for suffix, text in export(estimate, robot, form="c", name="arm").files.items():
+        (tmp_path / f"arm{suffix}").write_text(text, encoding="utf-8")
+    most = np.array(re.search(r"LIMIT\[N\] = {(.*)}", text)[1].split(", "), dtype=float)
+    strict = [GCC, "-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "arm_example.c", "arm.c"]
+    for more in (["-o", "arm"], ["-shared", "-fPIC", "-o", "loop.so"]):
+        subprocess.run([*strict, *more, "-lm"], cwd=tmp_path, check=True)
+    library, vector = ctypes.CDLL(str(tmp_path / "loop.so")), ctypes.c_double * robot.n_joints
+    held, loop, still = vector(), vector(), vector()
+    for q in position[:5]:
+        ticks = [np.array(loop)]
+        for _ in range(1000):
+            assert library.arm_step(loop, vector(*q), still) == 1
+            ticks.append(np.array(loop))
+        library.arm_gravity(vector(*q), held)
+        assert np.array_equal(ticks[-1], np.clip(held, -most, most))
+        assert (np.abs(np.diff(ticks, axis=0)) <= most * 0.00501).all()
+        assert library.arm_step(loop, vector(*q[:-1], np.nan), still) == 0 and np.array_equal(loop, ticks[-1])
+    printed = subprocess.run([str(tmp_path / "arm")], capture_output=True, text=True, check=True).stdout
+    assert len(printed.splitlines()) == robot.n_joints
+
+
+def test_currents_by_name_are_in_the_numbers_of_the_logs():
+    """Ticks in, raw currents out, in any order, as a servo bus has them; the same currents as by radians and ampere."""
+    robot = robot_called("ur5e")
+    ticks = (Conversion(1.0, 2048.0),) * 6
+    log = LogFormat(
+        position="{name}.pos",
+        units={"position": "tick", "current": "mA"},
+        signs={"position": (1, -1, 1, 1, 1, 1), "current": (1, 1, -1, 1, 1, 1)},
+        names=tuple("abcdef"),
+        conversions={"position": ticks, "current": (Conversion(2.69),) * 6},
+    )
+    scope: dict = {}
+    exec(export(fitted(robot), replace(robot, log=log), form="python").files[".py"], scope)
+    raw = dict(zip("fedcba", (2048, 1024, 3000, 2100, 1800, 2500), strict=True))
+    angles = (np.array([raw[name] for name in "abcdef"]) - 2048) * 2.0 * np.pi / 4096 * [1, -1, 1, 1, 1, 1]
+    wanted = scope["gravity"](angles) * [1, 1, -1, 1, 1, 1] / 0.00269
+    found = scope["hold"](raw | {"gripper": 1.0})
+    assert list(found) == list("abcdef") and np.allclose(list(found.values()), wanted)
+    assert scope["hold"]({f"{name}.pos": value for name, value in raw.items()}) == found
+    with pytest.raises(ValueError, match="not a number"):
+        scope["hold"](raw | {"a": float("nan")})
+    with pytest.raises(KeyError):
+        scope["hold"]({"a": 1.0})

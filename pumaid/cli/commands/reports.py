@@ -49,7 +49,7 @@ def report(
     model: Path | None,
     experiment: Experiment,
     output: Path | None,
-    form: str | None,
+    form: str,
     figures: Path | None,
     forms: tuple[str, ...],
     units: str,
@@ -163,8 +163,9 @@ def history(*, folder: Path, results: Path | None, restore: int | None, picture:
 
 @click.command()
 @options.model_argument
-@click.option("--format", "form", metavar="FORM", required=True, help="c, python, matlab, json, urdf or mjcf.")
-@options.output_option("The file; else beside the model; - prints it.")
+@click.option("--format", "form", metavar="FORM", default="", help="c, python, matlab, json, urdf or mjcf.")
+@click.option("--into", type=options.EXISTING, metavar="FILE", help="A URDF or MJCF: a copy with the joints' friction.")
+@options.output_option("The file; else beside the model, or FILE; - prints it.")
 @click.option("--torque-constants", "constants", metavar="K,K,...", help="N m/A or N/A: of all joints, or JOINT=K,...")
 @options.force_option
 @options.recipe_option
@@ -175,6 +176,7 @@ def export(
     *,
     model: Path,
     form: str,
+    into: Path | None,
     output: Path | None,
     constants: str | None,
     force: bool,
@@ -188,24 +190,30 @@ def export(
     \b
     Example:
       pumaid export results/model.json --format c -o puma
-      pumaid export results/model.json --format python -o arm.py
       pumaid export results/model.json --format urdf --torque-constants 2=31.5
+      pumaid export results/model.json --into arm.xml --torque-constants 2=31.5
     """
     from pumaid import exports
     from pumaid.exports.equivalent_bodies import read_constants
 
     to_pipe, forms = output is not None and str(output) == "-", exports.every_form()
-    if form not in forms:
-        raise click.BadParameter(f"{form!r} is not one of {', '.join(sorted(forms))}.", param_hint="--format")
-    if constants is not None and not forms[form].has_bodies:
+    if form not in (forms if into is None else ("",)):
+        what = (
+            f"{form!r} is not one of {', '.join(sorted(forms))}, or stands beside --into FILE, whose form is its own."
+        )
+        raise click.BadParameter(what, param_hint="--format")
+    if constants is not None and form and not forms[form].has_bodies:
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
     if to_pipe and (form == "c" or as_json):
         raise click.UsageError("Two files cannot go to standard output." if form == "c" else "--json prints itself.")
     experiment = replace(experiment, logs=(str(model),))
     estimate, robot = experiment.model(model), experiment.robot
-    name = "" if output is None or to_pipe or output.is_dir() else output.stem
+    name, content = "" if output is None or to_pipe or output.is_dir() else output.stem, None
+    if into is not None:
+        name, content = f"{into.stem}_identified", into.read_bytes().decode("utf-8", "replace")
+        output = output or into.with_name(name + into.suffix)
     torques = None if constants is None else read_constants(constants, robot.n_joints)
-    exported = exports.export(estimate, robot, form=form, name=name, torque_constants=torques)
+    exported = exports.export(estimate, robot, form=form, name=name, torque_constants=torques, into=content)
     if to_pipe:
         write_result(Path("-"), "".join(exported.files.values()).rstrip("\n") + "\n")
     else:
@@ -215,25 +223,20 @@ def export(
             write_result(path, text)
         remark(f"written: {', '.join(map(str, files))}")
         if as_json:
-            facts = {"form": form, "name": exported.name, "files": [str(path) for path in files]}
-            facts |= {name: getattr(exported, name) for name in ("left_out", "undetermined", "remarks")}
-            document(facts, "export", robot=robot, logs=estimate.logs)
-    lacks = [
-        *(("left out", lack) for lack in exported.left_out),
-        *(("not determined by the data", lack) for lack in exported.undetermined),
-    ]
-    for text in (*exported.remarks, *(f"{what}: {lack.name}: {lack.reason}" for what, lack in lacks)):
+            facts = {name: getattr(exported, name) for name in ("form", "name", "left_out", "undetermined", "remarks")}
+            document(facts | {"files": [str(path) for path in files]}, "export", robot=robot, logs=estimate.logs)
+    absent = (f"left out: {lack.name}: {lack.reason}" for lack in exported.left_out)
+    unclear = (f"not determined by the data: {lack.name}: {lack.reason}" for lack in exported.undetermined)
+    for text in (*exported.remarks, *absent, *unclear):
         remark(text)
 
 
 def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
     """Where each file goes."""
-    if output is None or output.is_dir():
-        bare = (output or home) / exported.name
-    elif len(exported.files) == 1:
+    if output is not None and not output.is_dir() and len(exported.files) == 1:
         return {output: next(iter(exported.files.values()))}
-    else:
-        bare = output.with_suffix("") if output.suffix in exported.files else output
+    file = output if output is not None and not output.is_dir() else (output or home) / exported.name
+    bare = file.with_suffix("") if file.suffix in exported.files else file
     return {bare.with_name(bare.name + suffix): text for suffix, text in exported.files.items()}
 
 

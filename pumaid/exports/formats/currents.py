@@ -6,16 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
-from pathlib import PurePath
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from pumaid.effects.curve import SEGMENTS
 from pumaid.effects.formula import filled
-from pumaid.exports import Form, Subject, head, title
+from pumaid.exports import Form, Subject, head, rendered, title
 from pumaid.exports.formulas import Lack
+from pumaid.io.log_reader import factor_of
 from pumaid.maths import Floats
 from pumaid.results.documents import as_text
 
@@ -24,7 +23,7 @@ from pumaid.results.documents import as_text
 
 @dataclass(frozen=True, slots=True)
 class Language:
-    """A language of source code, made by `templates` in ``exports/templates``, whose first suffixes are the files'.
+    """A language of source code, made by `templates` in ``exports/templates``.
 
     `names` are functions and quantities of a formula -> their text in the language: ``{i}`` is the term's joint;
     ``load_`` is that of all ``load_M``, ``{m}`` being M; others keep their names. `power` is the function x, y -> x to
@@ -52,6 +51,7 @@ class Language:
         kinds: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
         for term in sorted(formulas.terms, key=lambda term: term.joint):
             text = ast.unparse(_Translation(self, term.joint).visit(ast.parse(term.formula, mode="eval")))
+            text = text.replace("--", "- -")  # C reads -- as a decrement
             kinds[term.is_friction].append({"joint": term.joint, "effect": term.effect, "text": text})
         values: dict[str, Any] = {name: self._table(table) for name, table in tables.items()} | {
             "name": subject.name,
@@ -59,6 +59,16 @@ class Language:
             "n": robot.n_joints,
             "title": title(formulas),
             "head": head(subject, formulas.left_out),
+            "largest": self._table(np.abs(formulas.predicted(*formulas.states())).max(axis=0)),
+            "names": robot.log.names or tuple(joint.name for joint in robot.joints),
+            "columns": tuple(robot.log.column("position", joint.number) for joint in robot.joints),
+            "logged": {
+                quantity: (
+                    [factor_of(robot, quantity, joint) for joint in robot.joints],
+                    [robot.log.conversion(quantity, joint.number).zero for joint in robot.joints],
+                )
+                for quantity in ("position", "current")
+            },
             "turns": f"{start}{', '.join(str(int(joint.is_revolute)) for joint in robot.joints)}{end}",
             "dynamic": formulas.is_dynamic,
             "segments": SEGMENTS,
@@ -71,23 +81,14 @@ class Language:
         values |= {
             f"uses_{name}": bool(re.search(rf"\b{name}(_\w+)?\b", words)) for name in ("slope", "tilt", "across")
         }
-        environment = jinja2.Environment(
-            loader=jinja2.PackageLoader("pumaid.exports"),
-            autoescape=False,  # names go into comments only
-            trim_blocks=True,
-            lstrip_blocks=True,
-            keep_trailing_newline=True,
-            undefined=jinja2.StrictUndefined,
-        )
-        files = {PurePath(name).suffixes[0]: environment.get_template(name).render(values) for name in self.templates}
-        return files, formulas.left_out
+        return rendered(self.templates, values), formulas.left_out
 
     def _table(self, values: Floats) -> str:
         """Numbers, none rounded, rows on lines of their own."""
         start, end, between = self.brackets
+        rows = [", ".join(map(repr, row)) for row in np.atleast_2d(values).tolist()]
         if values.ndim == 1:
-            return f"{start}{', '.join(map(repr, values.tolist()))}{end}"
-        rows = [", ".join(map(repr, row)) for row in values.tolist()]
+            return f"{start}{rows[0]}{end}"
         inner = [f"{start}{row}{end}" for row in rows] if between == "," else rows
         return f"{start}\n    " + f"{between}\n    ".join(inner) + f"\n{end}"
 
@@ -105,12 +106,7 @@ class _Translation(ast.NodeTransformer):
         return ast.Name(text.format(i=self.joint - 1 + first, m=m - 1 + first))
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
-        assert isinstance(node.value, int | float)
-        return ast.Constant(float(node.value))  # C divides integers as integers
-
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        self.generic_visit(node)
-        return node.operand.operand if isinstance(node.operand, ast.UnaryOp) else node  # C reads -- as a decrement
+        return ast.Constant(float(node.value))  # type: ignore[arg-type]  # C divides integers as integers
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
         self.generic_visit(node)
@@ -120,7 +116,7 @@ class _Translation(ast.NodeTransformer):
 
 #: Nothing is allocated and no data changes, so that it runs in an interrupt and on several arms at once.
 C = Language(
-    templates=("model.h", "model.c"),
+    templates=("model.h", "model.c", "model_example.c"),
     names={
         "abs": "fabs",
         "max": "fmax",
@@ -226,12 +222,11 @@ SIGNED = {"v": "abs(v)", "shaft": "v"}
 def write_json(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
     """A dictionary with the constants, the formulas and what they mean; and what is not in it."""
     formulas, robot = subject.formulas, subject.formulas.robot
-    ways = np.random.default_rng(0)
-    position = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints)) * np.where(robot.is_revolute, np.pi, 1.0)
-    velocity = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
+    position, velocity = (part[:POSTURES] for part in formulas.states())
     reference = {"q": position, "qd": velocity, "current": formulas.predicted(position, velocity)}
     if formulas.is_dynamic:
-        acceleration = ways.uniform(-1.0, 1.0, (POSTURES, robot.n_joints))
+        rng = np.random.default_rng(0)
+        acceleration = rng.uniform(-1.0, 1.0, position.shape)
         reference |= {"qdd": acceleration, "inertia": formulas.inertia(position, velocity, acceleration)}
     return {
         ".json": as_text(
