@@ -33,7 +33,9 @@ def users_file(robot, estimate, form: str) -> str:
     else:
         text = re.sub(r' (damping|frictionloss|armature)="[^"]*"', "", text)
         text = re.sub(rf'(<joint name="{last}"[^>]*?) />', r"""\1 damping='3' frictionloss = "7"/>""", text)
-        text = text.replace("<worldbody>", '<default><joint damping="5" frictionloss="6"/></default>\n  <worldbody>')
+        text = text.replace(
+            "<worldbody>", '<default><joint damping="5 3 2" frictionloss="6"/></default>\n  <worldbody>'
+        )
         text = text.replace(
             "</mujoco>", f'  <equality><joint name="e" joint1="{first}" active="false"/></equality>\n</mujoco>'
         )

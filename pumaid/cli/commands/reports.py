@@ -163,7 +163,9 @@ def history(*, folder: Path, results: Path | None, restore: int | None, picture:
 
 @click.command()
 @options.model_argument
-@click.option("--format", "form", metavar="FORM", default="", help="c, python, matlab, json, urdf or mjcf.")
+@click.option(
+    "--format", "form", metavar="FORM", default="", show_default=False, help="c, python, matlab, json, urdf or mjcf."
+)
 @click.option("--into", type=options.EXISTING, metavar="FILE", help="A URDF or MJCF: a copy with the joints' friction.")
 @options.output_option("The file; else beside the model, or FILE; - prints it.")
 @click.option("--torque-constants", "constants", metavar="K,K,...", help="N m/A or N/A: of all joints, or JOINT=K,...")

@@ -145,9 +145,13 @@ def write_into(formulas: Formulas, text: str, name: str, *, given: Mapping[int, 
     for lack in formulas.undetermined:
         if match := re.match(r"(coulomb|viscous|rotor)\.j(\d+)", lack.name):
             values[int(match[2]) - 1, 2 if match[1] == "rotor" else slice(2)] = np.nan
+    # MuJoCo's damping may have higher powers of the speed, which a default would leave in place.
+    powers = " 0 0" if re.search(r"""damping\s*=\s*["']\s*[^\s"']+\s+[^\s"']""", text) else ""
     for tag, number in sorted(_joints(formulas.robot, text, is_urdf), key=lambda pair: -pair[0].start()):
         texts = {
-            name: f"{value:.6g}" for name, value in zip(names, values[number - 1], strict=False) if np.isfinite(value)
+            name: f"{value:.6g}{powers * (name == 'damping')}"
+            for name, value in zip(names, values[number - 1], strict=False)
+            if np.isfinite(value)
         }
         text = _edited(text, tag, texts, is_inside=is_urdf)
         words = listed([f"{name} {value}" for name, value in texts.items()]) or "nothing told"
