@@ -14,8 +14,9 @@ the cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 
 #: Singular values of the column-scaled matrix below this share of the largest are rounding: triangles are formed in
 #: double precision (1e-16) from regressors of order one, and merging thousands of them loses about six digits.
@@ -420,3 +423,11 @@ def restarted(system: Bilinear, values: Floats, gains: Gains, *, limit: Floats, 
         if refined.residual @ refined.residual < BETTER * (best.residual @ best.residual):
             best = refined
     return best.values, best.gains
+
+
+def by_key(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Items by their key, keys and items in the order in which they come."""
+    groups = dict[Key, list[Item]]()
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups

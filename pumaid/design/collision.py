@@ -73,9 +73,11 @@ class Collision:
             )
         if self.is_free:
             return "The recipe's block safety forbids nothing: collisions are not checked."
-        what = [] if safety.floor is None else [f"the floor at {safety.floor:g} m"]
-        what += [f"the box '{box.name}'" for box in safety.boxes]
-        what += ["the arm itself"] if any(not inner.stands for _, inner in self._pairs) else []
+        what = [
+            *([] if safety.floor is None else [f"the floor at {safety.floor:g} m"]),
+            *(f"the box '{box.name}'" for box in safety.boxes),
+            *(["the arm itself"] if any(not inner.stands for _, inner in self._pairs) else []),
+        ]
         named = sorted({outer.link for outer, _ in self._pairs if outer.label != "the tip"})
         shapes = f"The tip{' and links ' + ', '.join(map(str, named)) if named else ''}"
         touching = ", ".join(dict.fromkeys(self.touching))

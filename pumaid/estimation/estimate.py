@@ -394,9 +394,7 @@ def of_runs(fitted: Fit, at_joints: Mapping[int, JointPrediction]) -> Iterator[N
             facts = {"count": len(odd), "runs": len(steady), "start": float(first.start)}
             yield _note("run-stands-out", where, error=error, usual=usual, **facts)
             continue
-        sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))]
-        if not len(odd):
-            sizes = _spikes(at_joints[bins.joint])
+        sizes = [usual, float(np.sqrt(np.mean(rms[steady] ** 2)))] if len(odd) else _spikes(at_joints[bins.joint])
         if sizes and sizes[1] > SEEN * size:
             yield _note("current-spikes", Where(joint=bins.joint), usual=sizes[0], noise=sizes[1])
 

@@ -184,9 +184,11 @@ class JointPrediction:
     def __init__(self, model: Model, estimate: Estimate, bins: JointBins) -> None:
         self.model, self.estimate, self.bins = model, estimate, bins
         self._factors = np.nan_to_num(model.factors(estimate.scales, bins.joint))
-        gravity = None
-        if model.needs_loads():
-            gravity = loads_at(model, bins, solution=estimate.solution, scales=estimate.scales, at_nodes=True)
+        gravity = (
+            loads_at(model, bins, solution=estimate.solution, scales=estimate.scales, at_nodes=True)
+            if model.needs_loads()
+            else None
+        )
         fine, count, nodes = model.at_nodes(bins, gravity), bins.count, replace(bins.nodes[0], loads=gravity)
         curves = [term for term in model.effects if term.effect.is_free and term.touches(bins.joint)]
         self.beyond: dict[str, Flags] = {

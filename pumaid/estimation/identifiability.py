@@ -223,9 +223,11 @@ def _of_friction(model: Model, column: Column, runs: Sequence[Run], partners: Se
     joint, low, high = model.robot.joint(column.owner), covered[0], covered[-1]
     pair = {f"{effect}.j{column.owner}.{side}" for effect in ("coulomb", "viscous")}
     if pair - {column.name} <= set(partners):
-        speeds = f"practically one speed, {number(high, 2)}"
-        if not has_one_speed(runs, sign):
-            speeds = f"a speed between {number(low, 2)} and {number(high, 2)}"
+        speeds = (
+            f"practically one speed, {number(high, 2)}"
+            if has_one_speed(runs, sign)
+            else f"a speed between {number(low, 2)} and {number(high, 2)}"
+        )
         unit, slower = f"{joint.position_unit}/s", number(high / 3.0, 2)
         return reason("one speed", way=way, speeds=speeds, slower=slower, unit=unit)
     return reason("friction and weight" if joint.is_revolute else "one load")
@@ -340,9 +342,8 @@ class FittedParameters:
         is_open = is_idle or partners is not None
         if column.place is not None:
             # Known hardly better than before any data, or a shape best at a bound.
-            error = float(np.sqrt(self.fitted.inverse[index, index]))
-            if index in self.profiles:
-                error = _error_of(self.profiles[index], self.freedoms[index])
+            profile, alone = self.profiles.get(index), float(np.sqrt(self.fitted.inverse[index, index]))
+            error = alone if profile is None else _error_of(profile, self.freedoms[index])
             is_open |= column.shape in model.effects[column.place].held or error > OPEN * self.fitted.limit[index]
         if is_open:
             row = next((row for row in self.fitted.rows if row.joint == column.owner), None)

@@ -1,10 +1,9 @@
 """What else a recipe or logs could mean: joints turned round or in another order, another mounting, other loads."""
 
-import copy
-import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,8 @@ from pumaid.units import number
 #: Bins of a joint that are looked at. Share of a missed joint's error to which turning a joint must bring it, and
 #: anything else, since missing physics halves under many a change; and multiples that a joint's error may rise to.
 MOST_BINS, FALLS, FALLS_FAR, RISES, RISES_FAR = 800, 0.5, 0.3, 1.05, 1.25
+#: Bins that are enough for a search of a direction or scale.
+SEARCHED = 200
 #: Share of a missed joint's error to which currents without weight must bring it: inertia shows weight faintly.
 FALLS_WEIGHTLESS = 0.7
 #: Multiple of the least error of a missed joint under any setup that one which explains it may leave.
@@ -51,14 +52,11 @@ BESIDE = {TURNED: "a joint turned round", ORDERED: "another order of joints", LO
 BESIDE |= {MOUNTED: "another mounting", WEIGHTLESS: "gravity taken out", SCALED: "another unit of positions"}
 #: Share of a joint's current below which it shows no weight.
 NO_WEIGHT = 0.02
-#: rad; a base tilted by less is the effect `tilt`. Rounds and step (rad) of the search for the direction of gravity.
-TILTED, ROUNDS, STEP = 0.15, 9, 0.4
-#: Scales of positions that are tried, a ratio apart, and rounds in which the best is made finer.
-SCALES, FINER = np.geomspace(0.2, 5.0, 15), 5
-#: Least change of a scale that an encoder's range explains: a spring bends positions by less.
-RESCALED = 1.1
-#: Every so many bins are enough for a search of a direction or scale.
-THINNED = 4
+#: rad; a base tilted by less is the effect `tilt`. Most directions of gravity that are tried, and the first step (rad).
+TILTED, DIRECTIONS, STEP = 0.15, 60, 0.4
+#: Logarithms of the scales of positions between which so many are tried, and of the least change that an encoder's
+#: range explains: a spring bends positions by less.
+SCALES, TRIED, RESCALED = (-np.log(5.0), np.log(5.0)), 15, np.log(1.1)
 #: Number of a body's parameters that weight is told by; gravity (m/s2) along no axis, under which all of them count.
 WEIGHT, OBLIQUE = 4, (3.0, 5.0, 8.0)
 
@@ -99,22 +97,15 @@ class _Chosen:
     weight: Floats
     file: Counts
 
-    def part(self, some: slice) -> "_Chosen":
-        """Some of the bins."""
-        q, v, a = self.motion
-        motion = q[:, some], v[:, some], a[:, some]
-        beside, current = self.beside[some], self.current[some]
-        return _Chosen(self.joint, motion, beside, current, self.weight[some], self.file[some])
-
 
 class Setups:
-    """Regressions of each joint's current by itself, under any setup, of a fit that misses some joints."""
+    """Regressions of each joint's current by itself, at `most` bins, under any setup, of a fit that misses joints."""
 
-    def __init__(self, fitted: Fit, missed: Sequence[int]) -> None:
-        self.robot, self.missed = fitted.model.robot, missed
+    def __init__(self, fitted: Fit, missed: Sequence[int], *, most: int = MOST_BINS) -> None:
+        self.fitted, self.robot, self.missed = fitted, fitted.model.robot, missed
         n, self.moves = self.robot.n_joints, any(row.bins.accelerates.any() for row in fitted.joints)
         self.body = _body(self.robot, self.moves)
-        self.cells = tuple(_chosen(fitted, row.bins.joint) for row in fitted.joints)
+        self.cells = tuple(_chosen(fitted, row.bins.joint, most) for row in fitted.joints)
         self.now = Setup("as it is", (1.0,) * n, tuple(range(n)), self.robot.gravity)
         self.before = self.left(self.now)
         #: Files beyond the first, and runs a joint: four parameters a file cost as much as Schwarz's criterion says.
@@ -124,13 +115,6 @@ class Setups:
     def left(self, setup: Setup) -> dict[int, float]:
         """RMSE (A) of each joint's bins by a regression on all parameters of links and on its own columns."""
         return {cells.joint: _rest(cells, self._columns(cells, setup)) for cells in self.cells}
-
-    def _thinned(self) -> "Setups":
-        """The same with fewer bins, for a search."""
-        thin = copy.copy(self)
-        thin.cells = tuple(cells.part(slice(None, None, THINNED)) for cells in self.cells)
-        thin.before = thin.left(self.now)
-        return thin
 
     def _columns(self, cells: _Chosen, setup: Setup) -> Floats:
         """(N, p) what parameters of links ask of a joint under a setup."""
@@ -147,8 +131,8 @@ class Setups:
 
     def explanations(self) -> list[Explanation]:
         """Setups under which a missed joint's error falls far and no joint's rises; the best first."""
-        thin = self._thinned()
-        setups = (*self._turned(), *self._ordered(), *self._loaded(), *thin._mounted(), *thin._scaled())
+        thin = Setups(self.fitted, self.missed, most=SEARCHED)
+        setups = (*self._reread(), *thin._mounted(), *thin._scaled())
         errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
         least = {joint: min(after[joint] for after in errors) for joint in self.before}
         for setup, after in zip(setups, errors, strict=True):
@@ -167,64 +151,61 @@ class Setups:
         """Mean logarithm of the errors of all joints, over those under the recipe."""
         return float(np.mean([np.log(max(after[k], 1e-12) / max(self.before[k], 1e-12)) for k in after]))
 
-    def _turned(self) -> Iterator[Setup]:
-        for k in range(self.robot.n_joints):
-            factors = tuple(-1.0 if k == place else 1.0 for place in range(self.robot.n_joints))
-            yield replace(self.now, kind=TURNED, factors=factors)
-
-    def _ordered(self) -> Iterator[Setup]:
-        """Two joints changed places, all are in the order of their names, or from tip to base."""
-        n, names = self.robot.n_joints, [joint.name for joint in self.robot.joints]
-        by_name = sorted(range(n), key=lambda k: names[k])
-        orders = [tuple(by_name.index(k) for k in range(n)), tuple(reversed(range(n)))]
-        for a, b in itertools.combinations(range(n), 2):
-            orders.append(tuple(b if k == a else a if k == b else k for k in range(n)))
-        kinds = [joint.kind for joint in self.robot.joints]
+    def _reread(self) -> Iterator[Setup]:
+        """A joint turned round; joints in the order of their names, from tip to base, or two of them changed places;
+        another load in each file.
+        """
+        n, joints = self.robot.n_joints, self.robot.joints
+        for factors in (1.0 - 2.0 * np.eye(n)).tolist():
+            yield replace(self.now, kind=TURNED, factors=tuple(factors))
+        by_name = sorted(range(n), key=lambda k: joints[k].name)
+        orders = [
+            tuple(by_name.index(k) for k in range(n)),
+            tuple(reversed(range(n))),
+            *(tuple(b if k == a else a if k == b else k for k in range(n)) for a, b in combinations(range(n), 2)),
+        ]
         for order in dict.fromkeys(orders):
-            if order != self.now.order and all(kinds[k] == kinds[place] for place, k in enumerate(order)):
+            if order != self.now.order and all(joints[k].kind == joints[place].kind for place, k in enumerate(order)):
                 yield replace(self.now, kind=ORDERED, order=order)
-
-    def _loaded(self) -> Iterator[Setup]:
         if self.files:
             yield replace(self.now, kind=LOADED, by_file=True)
 
     def _mounted(self) -> Iterator[Setup]:
         """Gravity in the direction that fits best, and gone."""
+        from scipy import optimize
+
         size = float(np.linalg.norm(self.robot.gravity))
-        axes = [_vector(size * way * row) for row in np.eye(3) for way in ((1.0, -1.0) if self.moves else (1.0,))]
-        setups = [replace(self.now, kind=MOUNTED, gravity=axis) for axis in axes]
-        best = min((self._cost(self.left(setup)), setup.gravity) for setup in (self.now, *setups))
-        stride = STEP
-        for _ in range(ROUNDS):
-            down = np.array(best[1]) / size
-            side = np.linalg.svd(down[None, :])[2][1:]
-            tried = [down + way * stride * row for row in side for way in (1.0, -1.0)]
-            turned = [_vector(size * row / np.linalg.norm(row)) for row in tried]
-            costs = [(self._cost(self.left(replace(self.now, gravity=g))), g) for g in turned]
-            stride = stride if min(costs) < best else 0.4 * stride
-            best = min([best, *costs])
+
+        def along(down: Floats) -> Setup:
+            x, y, z = (size * down / np.linalg.norm(down)).tolist()
+            return replace(self.now, kind=MOUNTED, gravity=(x, y, z))
+
+        def cost(down: Floats) -> float:
+            return self._cost(self.left(along(down)))
+
+        near = min(np.vstack([np.eye(3), -np.eye(3)] if self.moves else [np.eye(3)]), key=cost)
+        start = min(near, np.array(self.robot.gravity) / size, key=cost)
+        options = {"maxfev": DIRECTIONS, "initial_simplex": start + STEP * np.vstack([np.zeros(3), np.eye(3)])}
+        best = optimize.minimize(cost, start, method="Nelder-Mead", options=options)
         # Where an axis of the base does as well as any direction, it is that.
-        level, near = min((self._cost(self.left(setup)), setup.gravity) for setup in setups)
-        gravity = near if level < best[0] + 0.1 else best[1]
-        cosine = float(np.dot(gravity, self.robot.gravity)) / size**2
+        mounted = along(near if cost(near) < best.fun + 0.1 else best.x)
+        cosine = float(np.dot(mounted.gravity, self.robot.gravity)) / size**2
         if np.arccos(min(cosine if self.moves else abs(cosine), 1.0)) > TILTED:
-            yield replace(self.now, kind=MOUNTED, gravity=gravity)
+            yield mounted
         if self.moves:
             yield replace(self.now, kind=WEIGHTLESS, gravity=(0.0, 0.0, 0.0))
 
     def _scaled(self) -> Iterator[Setup]:
         """Positions of all joints that turn times one factor."""
-        turns, scales = self.robot.is_revolute, SCALES
-        for _ in range(FINER):
-            setups = [
-                replace(self.now, kind=SCALED, factors=tuple(np.where(turns, scale, 1.0).tolist())) for scale in scales
-            ]
-            k = int(np.argmin([self._cost(self.left(setup)) for setup in setups]))
-            best, step = setups[k], float(scales[1] / scales[0])
-            scales = scales[k] * np.geomspace(step**-0.75, step**0.75, 5)
-        scale = max(best.factors, key=lambda factor: abs(factor - 1.0))
-        if max(scale, 1.0 / scale) > RESCALED:
-            yield best
+        from scipy import optimize
+
+        def times(logarithm: Floats) -> Setup:
+            factors = np.where(self.robot.is_revolute, np.exp(logarithm), 1.0)
+            return replace(self.now, kind=SCALED, factors=tuple(factors.tolist()))
+
+        best = optimize.brute(lambda logarithm: self._cost(self.left(times(logarithm))), [SCALES], Ns=TRIED)
+        if abs(best[0]) > RESCALED:
+            yield times(best)
 
 
 def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
@@ -277,10 +258,6 @@ def of_weight(at_joints: Mapping[int, JointPrediction]) -> list[Note]:
     return [Note(WEIGHTLESS, f"{text} have: gravity seems to be taken out of these currents already. Log raw currents")]
 
 
-def _vector(parts: Floats) -> tuple[float, float, float]:
-    return float(parts[0]), float(parts[1]), float(parts[2])
-
-
 def _body(robot: Robot, moves: bool) -> RigidBody:
     """Parameters that ask all that links can, under gravity of any direction: those of weight alone at rest."""
     base = base_parameters(replace(robot, gravity=OBLIQUE))
@@ -290,11 +267,11 @@ def _body(robot: Robot, moves: bool) -> RigidBody:
     return RigidBody(robot, tuple(tuple(k for k in kinds if k in numbers) for numbers in counted))
 
 
-def _chosen(fitted: Fit, joint: int) -> _Chosen:
+def _chosen(fitted: Fit, joint: int, most: int) -> _Chosen:
     """Bins of a joint, spread over all of its runs; nothing accelerates in runs at constant speed."""
     row, model = fitted.by_bin[joint], fitted.model
     bins: JointBins = row.bins
-    chosen = np.arange(0, len(bins), max(1, round(len(bins) / MOST_BINS)))
+    chosen = np.arange(0, len(bins), max(1, round(len(bins) / most)))
     position, velocity, pull = mean_motion(bins, chosen)
     accelerates = bins.accelerates[bins.run[chosen]]
     beyond = np.flatnonzero([column.scope is not Scope.LINK for column in model.columns])

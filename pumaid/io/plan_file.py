@@ -392,9 +392,7 @@ def _flow(value: Any) -> str:
         return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_flow, value)) + "]"
-    if isinstance(value, str):
-        return yaml_text(value)
-    return f"{value + 0.0:.{_DIGITS}g}"  # never -0
+    return yaml_text(value) if isinstance(value, str) else f"{value + 0.0:.{_DIGITS}g}"  # never -0
 
 
 def urscript(plan: Plan, robot: Robot) -> str:

@@ -22,7 +22,7 @@ from pumaid.io.recipe import (
     read_recipe,
     recipe_text,
 )
-from pumaid.maths import Floats
+from pumaid.maths import Floats, by_key
 from pumaid.robot import Robot, placement, roll_pitch_yaw
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
@@ -129,8 +129,7 @@ class UrdfFile:
         joints = [UrdfJoint(element, self.file) for element in robot.findall("joint")]
         self.carrier = {joint.child: joint for joint in joints}
         self.carried: dict[str, list[UrdfJoint]] = {link: [] for link in names["link"]}
-        for joint in joints:
-            self.carried.setdefault(joint.parent, []).append(joint)
+        self.carried |= by_key(joints, lambda joint: joint.parent)
         self.links = [link for link in names["link"] if link not in self.carrier]
         for link in self.links:
             self.links += [joint.child for joint in self.carried.get(link, []) if self.carrier[joint.child] is joint]

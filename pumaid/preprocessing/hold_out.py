@@ -44,9 +44,8 @@ def match_with_plan(dataset: Dataset, plan: Plan) -> Dataset:
     runs, missing = [], np.ones(len(motions), dtype=np.bool_)
     for run in dataset.runs:
         share, (first, last) = run.speed / velocity, sorted(run.span)
-        slower = np.abs(share - 1.0)
-        if run.kind == STROKE:
-            slower = np.where((share >= STROKE_SPEED) & (share <= 1.0), 0.0, slower)
+        is_stroke = (run.kind == STROKE) & (share >= STROKE_SPEED) & (share <= 1.0)
+        slower = np.where(is_stroke, 0.0, np.abs(share - 1.0))
         shared = np.minimum(high, last) - np.maximum(low, first)
         whole = np.maximum(high, last) - np.minimum(low, first)
         off = np.abs(np.delete(hold - run.posture, run.joint - 1, axis=1)).max(axis=1, initial=0.0)

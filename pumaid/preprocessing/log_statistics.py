@@ -120,9 +120,13 @@ class LogStatistics:
         size = np.abs(speed)
         moves = size > np.array([SLOW[joint.kind] for joint in self.robot.joints])
         way = moves * size * seconds
-        self._add(windows=moves.sum(axis=0), seconds=(moves * seconds).sum(axis=0))
-        self._add(ahead=(moves & (change > 0.0)).sum(axis=0))
-        self._add(path=way.sum(axis=0), speed_squares=(way * size).sum(axis=0))
+        self._add(
+            windows=moves.sum(axis=0),
+            seconds=(moves * seconds).sum(axis=0),
+            ahead=(moves & (change > 0.0)).sum(axis=0),
+            path=way.sum(axis=0),
+            speed_squares=(way * size).sum(axis=0),
+        )
         middle = 0.5 * (log.position[edges[1:]] + log.position[starts])
         log = log.part(slice(0, int(edges[-1])))
         if log.velocity is not None:
@@ -160,9 +164,14 @@ class LogStatistics:
         flat, zeros = (low == high) & (counts >= FLAT), np.where(zeros < counts, zeros, 0)
         change = np.abs(np.diff(current))[both & ~same]
         self._add(
-            j, least_change=change.min(initial=math.inf), least_negative=-values[values < 0].max(initial=-math.inf)
+            j,
+            least_change=change.min(initial=math.inf),
+            least_negative=-values[values < 0].max(initial=-math.inf),
+            least_current=low.min(),
+            most_current=high.max(),
+            flat=flat.sum(),
+            zeros=zeros.sum(),
         )
-        self._add(j, least_current=low.min(), most_current=high.max(), flat=flat.sum(), zeros=zeros.sum())
         sides = (values[values > 0], -values[values < 0], -np.abs(values[values != 0]))
         self.levels[j] = [_largest(a, b) for a, b in zip(self.levels[j], sides, strict=True)]
         self.totals["sizes"][j] += size_counts(sides[0])

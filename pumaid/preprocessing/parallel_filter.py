@@ -140,12 +140,12 @@ def _variance(position: Floats) -> float:
 
     Rounding at a steady speed is a tone, which differences at one lag may enlarge; the least of several lags is taken.
     """
-    variances = []
-    for lag in LAGS:
-        if len(position) > 3 * lag + 1:
-            inner = position[2 * lag : -lag] - position[lag : -2 * lag]
-            variances.append(float(np.mean((position[3 * lag :] - position[: -3 * lag] - 3.0 * inner) ** 2)) / 20.0)
-    return min(variances, default=0.0)
+    thirds = (
+        position[3 * lag :] - position[: -3 * lag] - 3.0 * (position[2 * lag : -lag] - position[lag : -2 * lag])
+        for lag in LAGS
+        if len(position) > 3 * lag + 1
+    )
+    return min((float(np.mean(third**2)) / 20.0 for third in thirds), default=0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -11,6 +11,7 @@ from pumaid.effects import ARM, Effect, Family, Loads, Parameter, Samples, Scope
 from pumaid.maths import Floats
 from pumaid.reporting.table import Row, Table
 from pumaid.robot import Joint, Robot
+from pumaid.units import number
 
 #: Joints of `ARM` that stand for their kinds; neither is the first nor the last, which are special to some effects.
 TURNING, SLIDING = 5, 4
@@ -123,17 +124,21 @@ def effect_parts(entry: dict[str, Any]) -> list[str | Table]:
             if rows
             else []
         )
+    curve = entry["signature"]
+    points = np.column_stack([curve["values"], curve["forward"], curve["backward"]])[:: POINTS // TOLD]
+    header = (f"{curve['variable']} ({curve['unit']})", "forward (A)", "backward (A)")
+    shown = Table(
+        f"signature ({curve['at']}):", header, [[number(x, 3) for x in row] for row in points.tolist()], words=()
+    )
     lines = [
-        *(f"not at a {kind} joint: {reason}\n" for kind, reason in entry["not_at"].items()),
-        f"signature ({entry['signature']['at']}):",
-        sketch(entry["signature"]),
-        "",
+        *(f"not at a {kind} joint: {reason}" for kind, reason in entry["not_at"].items()),
+        *([f"look-alikes: {', '.join(entry['look_alikes'])}"] if entry["look_alikes"] else []),
+        f"residual depends on: {', '.join(entry['shown_by'])}",
+        *([f"best seen in: {entry['seen_in']}"] if entry["seen_in"] else []),
+        f"to add it: {entry['command'] or 'it is in all models'}",
+        f"source: {entry['source']}",
     ]
-    lines += [f"look-alikes: {', '.join(entry['look_alikes'])}"] if entry["look_alikes"] else []
-    lines += [f"residual depends on: {', '.join(entry['shown_by'])}"]
-    lines += [f"best seen in: {entry['seen_in']}"] if entry["seen_in"] else []
-    lines += [f"to add it: {entry['command'] or 'it is in all models'}", f"source: {entry['source']}"]
-    return [*parts, "\n".join(lines)]
+    return [*parts, shown, "\n".join(lines)]
 
 
 # Signatures
@@ -176,8 +181,9 @@ VARIABLES = {
     Family.DIRECTION: "speed",
 }
 
-#: Points of a curve; range in multiples of a shape's example; periods of a ripple; share below which nothing varies.
-POINTS, MULTIPLE, PERIODS, FLAT = 60, 4.0, 3.0, 1e-9
+#: Points of a curve, and steps between those that a table has; range in multiples of a shape's example; periods of a
+#: ripple; share below which nothing varies.
+POINTS, TOLD, MULTIPLE, PERIODS, FLAT = 61, 12, 4.0, 3.0, 1e-9
 
 
 def signature(effect: Effect) -> dict[str, Any]:
@@ -245,17 +251,3 @@ def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Sample
     more = {name: signals[name] for name in ("acceleration", "time", "travel", "temperature")}
     ways, run = way * full, 0.0 * full
     return Samples(joint, position, velocity, direction=ways, elapsed=signals["time"], run=run, loads=loads, **more)
-
-
-def sketch(curve: dict[str, Any], *, height: int = 11) -> str:
-    """A signature as a plot of `height` lines, a letter for each value: o forward, x backward, * where both are."""
-    values, both = curve["values"], np.array([curve["forward"], curve["backward"]])
-    levels = np.linspace(max(both.max(), 0.0), min(both.min(), 0.0), height)
-    forward, backward = np.abs(levels[:, None, None] - both).argmin(axis=0)
-    grid = np.full((height, len(values)), " ")
-    grid[np.abs(levels).argmin()] = "-"
-    grid[backward, range(len(values))] = "x"
-    grid[forward, range(len(values))] = np.where(forward == backward, "*", "o")
-    lines = [f"{level:>9.2g} |{''.join(line).rstrip()}" for level, line in zip(levels, grid, strict=True)]
-    axis = f"{curve['variable']} ({values[0]:.3g} to {values[-1]:.3g} {curve['unit']})"
-    return "\n".join([f"{'A':>9}  o forward, x backward, * both", *lines, f"{'':11}{axis}"])

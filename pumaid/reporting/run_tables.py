@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
+from pumaid.maths import by_key
 from pumaid.reporting.table import Row, Table
 from pumaid.reporting.text import count_kinds, counted_runs, in_unit, posture_text, relative_names, run_time
 from pumaid.robot import Robot, roll_pitch_yaw
@@ -39,10 +40,11 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     unit = " or ".join(dict.fromkeys(in_unit(kind, units)[1] for kind in kinds)) or units
     names = relative_names([run.origin for run in dataset.runs])
     rows: list[Row] = []
-    groups: dict[tuple[str, int, int], list[tuple[int, Run]]] = {}
-    for index, run in enumerate(dataset.runs, start=1):
-        groups.setdefault((run.origin, run.first_row, run.joint * (run.kind != BLOCK)), []).append((index, run))
-    for group in groups.values():
+
+    def block(numbered: tuple[int, Run]) -> tuple[str, int, int]:
+        return numbered[1].origin, numbered[1].first_row, numbered[1].joint * (numbered[1].kind != BLOCK)
+
+    for group in by_key(enumerate(dataset.runs, start=1), block).values():
         (index, run), joints = group[0], [part for _, part in group]
         motion = [" ".join(str(part.joint) for part in joints), "-", "-", "-"]
         if run.kind != BLOCK:
@@ -108,9 +110,7 @@ def rejection_table(dataset: Dataset, *, is_whole: bool = False) -> Table:
 
 def by_reason(rejects: Iterable[Reject]) -> dict[str, list[Reject]]:
     """Rejects by reason, the reason with most samples first."""
-    groups: dict[str, list[Reject]] = {}
-    for reject in rejects:
-        groups.setdefault(reject.reason, []).append(reject)
+    groups = by_key(rejects, lambda reject: reject.reason)
     return dict(sorted(groups.items(), key=lambda item: -sum(reject.samples for reject in item[1])))
 
 
@@ -171,8 +171,10 @@ def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
             f"Predicted standard errors are on average {number(1.0 / plan.efficiency, 3)} times those of the best"
             " conceivable runs in this time (without moves between postures, repeats or held-out runs)."
         )
-    lines += [f"Not identifiable: {name}: {reason.rstrip('.')}." for name, reason in plan.unseen.items()]
-    lines += [f"Assumed: {sentence.rstrip('.')}." for sentence in plan.assumptions]
+    lines += [
+        *(f"Not identifiable: {name}: {reason.rstrip('.')}." for name, reason in plan.unseen.items()),
+        *(f"Assumed: {sentence.rstrip('.')}." for sentence in plan.assumptions),
+    ]
     tables = [
         _motion_table(plan, robot) if plan.trajectory is None else _trajectory_table(plan, plan.trajectory, robot)
     ]

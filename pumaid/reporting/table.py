@@ -157,25 +157,40 @@ class Table:
             return "".join(f"\\{letter}" if letter in "*_`[]" else letter for letter in out)
 
         bars = ["---" if column in self.words else "---:" for column in range(len(self.header))]
-        lines = [f"**{escaped(self.title)}**", ""] if self.title else []
-        lines += ["| " + " | ".join(map(escaped, self.header)) + " |", "| " + " | ".join(bars) + " |"]
-        lines += ["| " + " | ".join(escaped(cell.lines(stacked=False)) for cell in row) + " |" for row in self.cells]
-        lines += ["", escaped(self.caption)] if self.caption else []
-        lines += ["", *(f"- {escaped(mark)}: {escaped(text)}" for mark, text in self.notes)] if self.notes else []
+        lines = [
+            *([f"**{escaped(self.title)}**", ""] if self.title else []),
+            "| " + " | ".join(map(escaped, self.header)) + " |",
+            "| " + " | ".join(bars) + " |",
+            *("| " + " | ".join(escaped(cell.lines(stacked=False)) for cell in row) + " |" for row in self.cells),
+            *(["", escaped(self.caption)] if self.caption else []),
+            *([""] if self.notes else []),
+            *(f"- {escaped(mark)}: {escaped(text)}" for mark, text in self.notes),
+        ]
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
         """The table in LaTeX for the booktabs package, notes below it."""
         aligned = "".join("l" if column in self.words else "r" for column in range(len(self.header)))
-        lines = [r"% needs \usepackage{booktabs}", r"\begin{table}", r"\centering"]
-        lines += [rf"\caption{{{_tex(self.title)}}}"] if self.title else []
-        lines += [rf"\begin{{tabular}}{{{aligned}}}", r"\toprule", " & ".join(map(_tex, self.header)) + r" \\"]
-        lines += [r"\midrule", *(" & ".join(map(_tex_cell, row)) + r" \\" for row in self.cells)]
-        lines += [r"\bottomrule", r"\end{tabular}"]
-        below = [_tex(self.caption)] if self.caption else []
-        below += [rf"$^{{\mathrm{{{_tex(mark)}}}}}$~{_tex(text)}" for mark, text in self.notes]
-        lines += [r"\par\smallskip\footnotesize\raggedright", *(rf"{text}\par" for text in below)] if below else []
-        return "\n".join([*lines, r"\end{table}"]) + "\n"
+        below = [
+            *([_tex(self.caption)] if self.caption else []),
+            *(rf"$^{{\mathrm{{{_tex(mark)}}}}}$~{_tex(text)}" for mark, text in self.notes),
+        ]
+        lines = [
+            *(r"% needs \usepackage{booktabs}", r"\begin{table}", r"\centering"),
+            *([rf"\caption{{{_tex(self.title)}}}"] if self.title else []),
+            *(
+                rf"\begin{{tabular}}{{{aligned}}}",
+                r"\toprule",
+                " & ".join(map(_tex, self.header)) + r" \\",
+                r"\midrule",
+            ),
+            *(" & ".join(map(_tex_cell, row)) + r" \\" for row in self.cells),
+            *(r"\bottomrule", r"\end{tabular}"),
+            *([r"\par\smallskip\footnotesize\raggedright"] if below else []),
+            *(rf"{text}\par" for text in below),
+            r"\end{table}",
+        ]
+        return "\n".join(lines) + "\n"
 
     def html(self) -> str:
         """The table as an HTML element, notes below it."""

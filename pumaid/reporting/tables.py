@@ -126,9 +126,12 @@ def parameter_table(estimate: Estimate, robot: Robot, units: str = "rad") -> Tab
             titles[choice.effect] += f", at joint {choice.joint} {spoken_form(choice.shape)}"
     if "inertia" in titles and ("inertia", "J") not in rows:
         titles["inertia"] = "base parameters of the rigid body"
-    legend = [f"g = {number(gravity, 6)} m/s2", *(f"{effect}: {title}" for effect, title in titles.items())]
-    legend += ["n/i: not identifiable from these logs"] if marks else []
-    legend += [f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []
+    legend = [
+        f"g = {number(gravity, 6)} m/s2",
+        *(f"{effect}: {title}" for effect, title in titles.items()),
+        *(["n/i: not identifiable from these logs"] if marks else []),
+        *([f"{len(unseen)} rows of inertia without any number are left out"] if unseen else []),
+    ]
     caption = f"In units of each joint's motor current. {'; '.join(legend)}."
     return Table(
         f"{robot.name}: parameters ± standard error",

@@ -17,6 +17,7 @@ from pumaid.diagnosis.records import (
 from pumaid.errors import Note
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointResult, Value
 from pumaid.estimation.evaluate import Budget, BudgetPart, JointScore
+from pumaid.maths import by_key
 from pumaid.results.history import Rung, effect_words
 from pumaid.robot import Robot
 from pumaid.units import factor, number
@@ -330,12 +331,11 @@ def part_text(budget: Budget, part: BudgetPart) -> str:
 
 def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) -> list[str]:
     """Each text once, after the joints of which it is said; `count` is the number that are all joints."""
-    groups: dict[str, list[int]] = {}
-    for joint, text in texts:
-        groups.setdefault(text, []).append(joint)
+    groups = by_key(texts, lambda pair: pair[1]).items()
+    joints_of = {text: [joint for joint, _ in group] for text, group in groups}
     return [
         f"{'All joints' if len(joints) == count > 1 else joint_title(robot, *joints)}: {text}"
-        for text, joints in groups.items()
+        for text, joints in joints_of.items()
     ]
 
 
@@ -344,7 +344,10 @@ def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) 
 
 def changes(rung: Rung) -> list[str]:
     """What a model adds to the one it was made from (``+ stribeck@3``) and what it removes."""
-    words, joints = ["base model"] if rung.parent is None else [], len(rung.estimate.joints)
-    words += [f"+ {name}" for name in effect_words(rung.added, joints)]
-    words += [f"− {name}" for name in effect_words(rung.removed, joints)]
+    joints = len(rung.estimate.joints)
+    words = [
+        *(["base model"] if rung.parent is None else []),
+        *(f"+ {name}" for name in effect_words(rung.added, joints)),
+        *(f"− {name}" for name in effect_words(rung.removed, joints)),
+    ]
     return words or ["fitted again"]

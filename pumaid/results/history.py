@@ -10,6 +10,7 @@ from pathlib import Path
 from pumaid.errors import Note, PumaidError, ResultError, Where
 from pumaid.estimate import Estimate
 from pumaid.io.write import locked, write_file
+from pumaid.maths import by_key
 from pumaid.results.documents import read_model, write_model
 from pumaid.robot import EffectChoice
 
@@ -143,13 +144,11 @@ def _archive(current: Path) -> Path | None:
 
 def effect_words(effects: Iterable[EffectChoice], n_joints: int = 0) -> list[str]:
     """Effects as on the command line, each kind once: ``stribeck@1,3``, ``spring@all`` of `n_joints`, ``tilt``."""
-    joints: dict[str, list[int]] = {}
-    for choice in effects:
-        joints.setdefault(choice.effect, []).extend([] if choice.joint is None else [choice.joint])
     words = []
-    for effect, numbers in joints.items():
-        is_everywhere = n_joints > 1 and sorted(numbers) == list(range(1, n_joints + 1))
-        where = "all" if is_everywhere else ",".join(map(str, sorted(numbers)))
+    for effect, choices in by_key(effects, lambda choice: choice.effect).items():
+        joints = sorted(choice.joint for choice in choices if choice.joint is not None)
+        is_everywhere = n_joints > 1 and joints == list(range(1, n_joints + 1))
+        where = "all" if is_everywhere else ",".join(map(str, joints))
         words.append(f"{effect}@{where}" if where else effect)
     return words
 

@@ -96,8 +96,7 @@ def from_json(document: Mapping[str, Any], robot: Robot) -> Truth:
         if not keys or set(entry.values) != set(keys) or not all(numbers) or not is_joint:
             raise wrong(f"{entry!r:.80} is no hidden effect of this robot", "hidden", f"known: {', '.join(KEYS)}")
     inertia, breakaway = arrays["inertia"], arrays["breakaway"]
-    if given is not None:
-        links, gain = links_of(robot, given, inertia)
-    else:
-        links, gain = Links(arrays["mass"], arrays["centre"]), arrays["gain"]
+    links, gain = (
+        (Links(arrays["mass"], arrays["centre"]), arrays["gain"]) if given is None else links_of(robot, given, inertia)
+    )
     return Truth(robot, friction, noise, links, gain, inertia, breakaway, given_constants=given, hidden=hidden)

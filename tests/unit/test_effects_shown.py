@@ -1,11 +1,11 @@
-"""How effects are shown: facts, signatures, the plot of letters, pictures and the manual's page."""
+"""How effects are shown: facts, signatures, and what a terminal prints."""
 
 import numpy as np
 import pytest
 from command import answer, run
 
 from pumaid.effects import catalogue
-from pumaid.reporting.effects import facts, merged, signature, sketch
+from pumaid.reporting.effects import effect_parts, facts, merged, signature
 
 NAMES = sorted(catalogue())
 
@@ -19,12 +19,12 @@ def test_signature_is_a_finite_curve(name):
     assert name == "coulomb" or np.ptp(shown["forward"]) > 0
 
 
-def test_sketch_puts_letters_where_the_curve_is():
-    """The first letter of a falling friction is in the top line, its mirror image in the bottom line."""
-    shown = signature(catalogue()["stribeck"])
-    lines = sketch(shown, height=9).splitlines()
-    assert len(lines) == 11 and "speed (" in lines[-1]
-    assert lines[1].split("|")[1].startswith("o") and lines[9].split("|")[1].startswith("x")
+def test_the_signature_is_told_in_points():
+    """Forward friction falls from point to point, and backward it is the same with the other sign."""
+    table = effect_parts(facts(catalogue()["stribeck"]))[-2]
+    speed, forward, backward = np.array(table.rows, dtype=float).T
+    assert table.header[0] == "speed (rad/s)" and len(speed) > 10 and (np.diff(speed) > 0.0).all()
+    assert forward[0] > 0.0 and (np.diff(forward) <= 0.0).all() and (backward == -forward).all()
 
 
 def test_alike_parameters_are_told_once():

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch, Polygon
 from scipy.spatial import ConvexHull
 
 from pumaid.dataset import STROKE, Dataset, Reject, Run
-from pumaid.maths import Floats
+from pumaid.maths import Floats, by_key
 from pumaid.reporting.figures.style import (
     BACKWARD,
     FAINT,
@@ -144,9 +144,8 @@ def trajectory_figure(made: Trajectory, robot: Robot) -> Drawing:
 @styled()
 def posture_figure(plan: Plan, robot: Robot) -> Drawing:
     """The arm in every posture of a plan: one panel a posture, those of a row at one scale; a row, or more, a joint."""
-    groups: dict[tuple[int, tuple[float, ...]], list[Motion]] = {}
-    for motion in sorted(plan.motions, key=lambda motion: motion.joint):
-        groups.setdefault(posture_key(motion.joint, motion.hold), []).append(motion)
+    motions = sorted(plan.motions, key=lambda motion: motion.joint)
+    groups = by_key(motions, lambda motion: posture_key(motion.joint, motion.hold))
     serves = {posture_key(posture.joint, posture.hold): posture.serves for posture in plan.postures}
     rows = []
     for _, group in groupby(list(groups)[:MOST_PANELS], key=lambda key: key[0]):
