@@ -18,7 +18,7 @@ from pumaid.experiment import Experiment, check_logs
 from pumaid.reporting.diagnosis import left_out_sentence, step_sentence
 from pumaid.reporting.table import Paragraph
 from pumaid.results.history import keep
-from pumaid.robot import EffectChoice, Robot
+from pumaid.robot import Robot
 
 #: Share by which an addition may raise the error of the fitted runs: by rounding; that of held-out runs not at all.
 MAY_RISE = {"fitted": 0.01, "held-out": 0.0}
@@ -140,11 +140,7 @@ def added(
     while new := addable():
         count = len(done)
         for finding in new:
-            # The shape is left open, but where the same effect may stand there twice.
-            shape = catalogue()[finding.effect].chosen(finding.shape)
-            fresh = identified(
-                dataset, robot, effects=(*reopened(estimate), EffectChoice(finding.effect, finding.joint, shape))
-            )
+            fresh = identified(dataset, robot, effects=(*reopened(estimate), *finding.choices()))
             before, after = _errors(estimate, finding.joint), _errors(fresh, finding.joint)
             runs = next((runs for runs in before if after[runs] > (1.0 + MAY_RISE[runs]) * before[runs]), None)
             if runs is not None:
@@ -180,7 +176,7 @@ def _is_addable(finding: Finding, estimate: Estimate) -> bool:
     return (
         effect is not None
         and finding.verdict == ADD
-        and (effect.is_repeatable or (finding.effect, finding.joint) not in there)
+        and (effect.is_repeatable or not any((part.effect, part.joint) in there for part in finding.each()))
     )
 
 
@@ -194,6 +190,6 @@ def with_earlier(diagnosis: Diagnosis, estimate: Estimate, results: Path) -> Dia
     applied = {
         (item.effect, item.joint, tuple(item.shape.items())): item
         for item in (*old.applied, *old.findings, *diagnosis.applied)
-        if (item.effect, item.joint) in there
+        if all((part.effect, part.joint) in there for part in item.each())
     }
     return replace(diagnosis, applied=tuple(applied.values()))

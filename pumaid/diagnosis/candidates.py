@@ -13,12 +13,12 @@ from scipy import fft, special
 
 from pumaid.dataset import Dataset
 from pumaid.effect_spec import EffectTerm
-from pumaid.effects import NO_SHAPE, Effect, Extent, Family, Parameter, Samples, Scope, Shape, catalogue
+from pumaid.effects import NO_SHAPE, USUAL, Effect, Extent, Family, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import NoiseModel
 from pumaid.joint_bins import JointBins, extent
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.robot import Robot
+from pumaid.robot import ALL, Robot
 
 #: Effect and joint (from 1; None: the whole arm).
 Key = tuple[str, int | None]
@@ -66,7 +66,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
                 excluded[effect.name, joint] = why
             elif effect.periodic is not None:
                 groups[effect.name, joint] = _slow_waves(solved, effect, joint, covered[joint])
-            elif effect.is_repeatable or (effect.name, joint) not in present:
+            elif effect.is_repeatable or not present & {(effect.name, joint), (effect.name, None)}:
                 groups[effect.name, joint] = grid_of(solved, effect, joint, covered=covered[joint])
     return Candidates({key: group for key, group in groups.items() if group}, excluded)
 
@@ -106,6 +106,38 @@ class Expansion(Effect):
         self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
     ) -> Floats:
         return self.made(samples)
+
+
+class Together(Effect):
+    """One effect at several joints, each with parameters of its own, as one effect of the arm; in no catalogue."""
+
+    title, source, family = "An effect of several joints", "the effect's own", Family.SUSPECT
+    scope, prior_odds, needs_loads = Scope.ARM, USUAL, True
+    name: str = ""
+
+    def __init__(self, terms: Sequence[EffectTerm], signs: Floats) -> None:
+        self.name, self.terms, self.sides = terms[0].effect.name, terms, signs
+        self.joints = tuple(term.number for term in terms)
+
+    def options(self, robot: Robot) -> list[str]:
+        """The effect at its joints as ``--add`` reads it, once for all where these are all that can have it."""
+        able = [joint.number for joint in robot.joints if self.terms[0].effect.applies(robot, joint.number) is None]
+        return [f"{self.name}@{joint}" for joint in ((ALL,) if able == [*self.joints] else self.joints)]
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return tuple(
+            replace(item, name=f"{item.name}@{term.joint}", symbol=item.symbol.format(n=term.joint))
+            for term in self.terms
+            for item in term.parameters(robot)
+        )
+
+    def signs(self, shape: Mapping[str, float]) -> tuple[int, ...]:
+        return tuple(self.sides.astype(int).tolist())
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return np.hstack([term.linear(robot, samples) for term in self.terms])
 
 
 class Suspect(Effect):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pumaid.dataset import CONSTANT, STROKE, Dataset, Run, first_motions
-from pumaid.diagnosis.candidates import Candidates, Suspect
+from pumaid.diagnosis.candidates import Candidates, Suspect, Together
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.cross_validation import forecast
 from pumaid.diagnosis.detection_limits import detection_limits
@@ -42,6 +42,7 @@ from pumaid.diagnosis.stepwise import (
     LEVEL,
     EvaluatedCandidate,
     Stepwise,
+    covariance_of,
     evidence,
     misfit_with,
     rmse,
@@ -51,7 +52,7 @@ from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
 from pumaid.errors import LogError, ModelError, Note, Where
 from pumaid.estimate import Estimate, JointFit
-from pumaid.estimation.fit import Fit, Projector
+from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.estimation.nonlinear import effect_bins, fit_effects
 from pumaid.joint_bins import JointBins, distinct
@@ -65,8 +66,6 @@ from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
-#: Share of a parameter's information below which its shapes have all of it.
-SHOWN = 1e-6
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -74,6 +73,14 @@ LISTED, PICTURES, STEADY = 5, 2, 12
 
 def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats) -> tuple[Size, ...]:
     """An effect's parameters with standard errors; of two of which only the sum or difference is known, that."""
+    if isinstance(term.effect, Together):
+        widths = [len(single.parameters(robot)) for single in term.effect.terms]
+        parts = np.split(np.arange(len(values)), np.cumsum(widths)[:-1])
+        by_joint = [
+            (single.joint, sizes(single, robot, values[part], covariance=covariance[np.ix_(part, part)]))
+            for single, part in zip(term.effect.terms, parts, strict=True)
+        ]
+        return tuple(replace(size, name=f"{size.name}@{joint}") for joint, group in by_joint for size in group)
     errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     alone = tuple(
         Size(parameter.name, float(value), float(error) if np.isfinite(error) else None, parameter.unit)
@@ -88,22 +95,6 @@ def sizes(term: EffectTerm, robot: Robot, values: Floats, *, covariance: Floats)
     sign, word = float(np.sign(cosine)), "+" if cosine > 0.0 else "-"
     error = float(np.sqrt(covariance.trace() + 2.0 * sign * covariance[0, 1]))
     return (Size(f"{first.name} {word} {second.name}", first.value + sign * second.value, error, first.unit),)
-
-
-def covariance_of(candidate: EvaluatedCandidate) -> Floats:
-    """(m, m) of its linear parameters, its shapes refitted too; infinite where it is not told apart from its shapes."""
-    solved, trial, count = candidate.on, candidate.trial, len(candidate.trial.sizes)
-    term, information = trial.added.searched(solved.model.robot), trial.information
-    if term.fitted and not term.effect.periodic:  # a frequency is given to the fit, not fitted
-        projector = Projector(solved)
-        white = projector.whitened(projector.columns([term.at({}, trial.sizes.tolist())]))
-        if white:
-            information = projector.scores(white, next(iter(white.values())).shape[1])[1][0]
-    among, with_shapes, shapes = information[:count, :count], information[:count, count:], information[count:, count:]
-    if len(shapes):
-        among = among - with_shapes @ pseudo_inverse(shapes)[0] @ with_shapes.T
-    is_shown = np.diagonal(among) > SHOWN * np.diagonal(information)[:count]
-    return np.where(np.outer(is_shown, is_shown), pseudo_inverse(among)[0] * solved.scale, np.inf)
 
 
 def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
@@ -221,10 +212,8 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[tu
 def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -> Axis:
     """The variable in which an effect lives."""
     column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, term.effect
-    position = samples.position[:, column]
-    shown = VARIABLES.get(effect.family, "")
-    if effect.is_free:
-        shown = SHAPE_WORDS["of"][int(term.shape["of"])]
+    position, effect = samples.position[:, column], catalogue().get(effect.name, effect)
+    shown = SHAPE_WORDS["of"][int(term.shape["of"])] if effect.is_free else VARIABLES.get(effect.family, "")
     if isinstance(effect, Suspect) and samples.extra is not None:
         return Axis(effect.column, "", samples.extra[:, effect.place])
     frequency = term.shape.get(effect.periodic or "", 0.0)
@@ -244,9 +233,8 @@ def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -
         axes["temperature"] = Axis("temperature", "degC", samples.temperature)
     if samples.loads is not None:
         axes["current"] = Axis("predicted current", "A", samples.loads.drawn)
-        axes["load"] = Axis("gravity load", "A", samples.loads.moving)
-        if "side" in effect.name:
-            axes["load"] = Axis("moment across the axis", "A", samples.loads.across)
+        across = Axis("moment across the axis", "A", samples.loads.across)
+        axes["load"] = across if "side" in effect.name else Axis("gravity load", "A", samples.loads.moving)
     return axes.get(shown, Axis("what it adds", "A", change))
 
 
@@ -379,10 +367,10 @@ class DiagnosisBuilder:
         chosen = [*(x for x in search.accepted if x not in self.stand_ins), *(made.candidate for made in self.offers)]
         terms = [item.trial.added for item in chosen]
         heldout = effect_bins(self.robot, search.unseen, [*search.given, *terms], begun=search.begun)
-        for candidate, term in zip(chosen, terms, strict=True):
+        for candidate in chosen:
             finding, unseen = self.finding(candidate), [bins for bins in heldout if bins.joint in candidate.after]
             if finding.command:  # else it is a suspected column, which nothing adds
-                more, after = (*choices, EffectChoice(*term.key, term.effect.chosen(term.shape))), None
+                more, after = (*choices, *finding.choices()), None
                 if unseen:
                     before = before or self._identified(choices, runs)
                     after = self._identified(more, runs)
@@ -404,7 +392,7 @@ class DiagnosisBuilder:
         term, transfer = candidate.trial.added, candidate.transfer
         facts = self._facts(candidate, candidate.rivals)
         rival, next_run = next((rival for rival in candidate.rivals if rival.on is candidate.on), None), None
-        if rival is not None:
+        if rival is not None and not facts["joints"]:
             from pumaid.diagnosis.discrimination import deciding  # loads the engine of collisions
 
             next_run = deciding(rival.on, candidate.trial, rival.trial)
@@ -515,7 +503,8 @@ class DiagnosisBuilder:
     def _facts(self, candidate: EvaluatedCandidate, rivals: Sequence[EvaluatedCandidate]) -> dict[str, Any]:
         """What findings and other candidates tell; the command is empty for a suspected column, which nothing adds."""
         term, falls = candidate.trial.added, candidate.left_out()
-        option = option_text(term.effect.name, term.joint, term.shape)
+        whole = term.effect if isinstance(term.effect, Together) else None
+        options = whole.options(self.robot) if whole else [option_text(term.effect.name, term.joint, term.shape)]
         keys = dict.fromkeys(rival.key for rival in rivals if rival.key != term.key)
         return {
             "effect": term.effect.name,
@@ -531,7 +520,8 @@ class DiagnosisBuilder:
             else sizes(term, self.robot, candidate.trial.sizes, covariance=covariance_of(candidate)),
             "knots": knots_of(term.shape) if term.effect.is_free else (),
             "rivals": tuple(name if joint in (term.joint, None) else f"{name}@{joint}" for name, joint in keys),
-            "command": option and f"{IDENTIFY} --add {option}",
+            "command": " ".join([IDENTIFY, *(f"--add {option}" for option in options)]) if options[0] else "",
+            "joints": whole.joints if whole else (),
         }
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from pumaid import __version__
+from pumaid.effects import catalogue
 from pumaid.errors import Note
 from pumaid.estimate import Estimate
 from pumaid.io.write import write_file
 from pumaid.maths import Floats
 from pumaid.results.documents import as_text, heading, model_digest, plain, read_document, record_from, sealed
+from pumaid.robot import EffectChoice
 from pumaid.trajectory import NextRun
 
 #: Name of the file in a folder of results.
@@ -81,7 +83,8 @@ class Candidate:
     catalogue looks as good where nothing is missing. `evidence` is twice the gain in log likelihood, less
     (parameters) x log(samples' worth); differences of 10 are decisive. `rmse_after` (A) is of the joint's fitted runs,
     all else refitted; `rmse_heldout_before` and `_after` (A) of fitted runs as fits to the other runs predict them.
-    `knots` are a learned curve's, in its variable.
+    `knots` are a learned curve's, in its variable. `joints` are those of an effect that was tried at several as one:
+    `joint` is None, and names of sizes and shapes end in theirs, ``drive@2``.
     """
 
     effect: str
@@ -98,6 +101,29 @@ class Candidate:
     rivals: tuple[str, ...] = ()
     command: str = ""
     knots: tuple[float, ...] = ()
+    joints: tuple[int, ...] = ()
+
+    def choices(self) -> tuple[EffectChoice, ...]:
+        """The effect as a model takes it on, one a joint: its shape is open, but where it may stand there twice."""
+        chosen = catalogue()[self.effect].chosen
+        return tuple(EffectChoice(part.effect, part.joint, chosen(part.shape)) for part in self.each())
+
+    def each(self) -> tuple[Self, ...]:
+        """The same at one joint each."""
+        return tuple(
+            replace(
+                self,
+                joint=joint,
+                joints=(),
+                shape={k.partition("@")[0]: v for k, v in self.shape.items() if k.endswith(f"@{joint}")},
+                sizes=tuple(
+                    replace(size, name=size.name.partition("@")[0])
+                    for size in self.sizes
+                    if size.name.endswith(f"@{joint}")
+                ),
+            )
+            for joint in self.joints
+        ) or (self,)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,10 @@ import numpy as np
 from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
 from pumaid.diagnosis.records import Repeats
 from pumaid.effect_spec import EffectTerm
+from pumaid.effects import USUAL, Scope
 from pumaid.estimation.fit import ABSORBED, Fit, Projector
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Floats, pseudo_inverse
+from pumaid.maths import Floats, by_key, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum. Least share of an information that is left for a residual where few runs feed many parameters.
@@ -69,6 +70,18 @@ class ScoreTable:
         """The best shape of each effect at each joint."""
         return {test.added.key: test for test in sorted(self.trials, key=lambda test: test.statistic)}
 
+    def shared(self) -> dict[str, list[ScoreTest]]:
+        """The best shape at each joint of effects that surveys find at every joint, which all may share."""
+        groups = by_key(self.best().values(), lambda test: test.added.effect)
+        return {
+            effect.name: group
+            for effect, group in groups.items()
+            if len(group) >= FEWEST_JOINTS
+            and effect.prior_odds == USUAL
+            and effect.scope is Scope.JOINT
+            and effect.periodic is None
+        }
+
     @cached_property
     def leverage(self) -> Floats:
         """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
@@ -109,6 +122,8 @@ def score_of(
     return ScoreTest(added, statistic, information, sizes, scores, float(share[visible].max()), signs)
 
 
+#: Joints from which on an effect is tried at all of them as one.
+FEWEST_JOINTS = 3
 #: Columns that are scored together: what a processor's cache holds.
 AT_ONCE = 32
 
@@ -251,7 +266,7 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
     """
     rng = np.random.default_rng(SEED)
     signs = rng.choice([-1.0, 1.0], size=(flips, len(scan.leverage))) * scan.leverage
-    scale, surprises = scan.solved.scale, dict[Key, Floats]()
+    scale, surprises, highest = scan.solved.scale, dict[Key, Floats](), dict[Key, Floats]()
     for key, group in groupby(scan.trials, key=lambda trial: trial.added.key):
         trials = list(group)
         width = trials[0].width
@@ -262,7 +277,11 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
         else:  # of the sign that the physics does not allow nothing would be made
             is_allowed = total[:, :, 0] * np.array([trial.signs[0] for trial in trials]) >= 0.0
             statistics = np.where(is_allowed, total[:, :, 0] ** 2 * inverse[:, 0, 0], 0.0)
-        surprises[key] = minus_log10_p(statistics.max(axis=1) / scale, width)
+        highest[key] = statistics.max(axis=1) / scale
+        surprises[key] = minus_log10_p(highest[key], width)
+    for name, tests in scan.shared().items():
+        widths = [test.width for test in tests]
+        surprises[name, None] = surprise_together([highest[test.added.key] for test in tests], widths)
     runs = Projector(scan.solved).runs
     for waves in scan.spectra:
         best = waves.highest(signs[:, runs[waves.key[1] or 0]])
@@ -274,6 +293,15 @@ def sign_flips(scan: ScoreTable, *, flips: int = FLIPS) -> SignFlips:
     is_repeated = all(row.noise.from_replicates for row in scan.solved.joints)
     lone = frozenset(key for key, trial in scan.best().items() if is_repeated and alike(trial.scores) < FEW)
     return SignFlips(handicaps, np.sort(largest), lone)
+
+
+def surprise_together(statistics: Sequence[Floats], widths: Sequence[int]) -> Floats:
+    """-log10 of the chance of what joints show together, each with so many parameters.
+
+    What the joint that shows most tells is left out, so that no joint stands for all.
+    """
+    remaining = np.asarray(np.sum(statistics, axis=0) - np.max(statistics, axis=0))
+    return minus_log10_p(remaining, sum(widths) - max(widths))
 
 
 def alike(scores: Floats) -> float:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
 from pumaid.dataset import FirstMotions, Run
-from pumaid.diagnosis.candidates import Key, Spectrum, candidates, settling, spectrum
+from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, settling, spectrum
 from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
+    FEWEST_JOINTS,
     ScoreTable,
     ScoreTest,
     SignFlips,
@@ -20,6 +21,7 @@ from pumaid.diagnosis.score_test import (
     score_at,
     score_candidates,
     sign_flips,
+    surprise_together,
 )
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, Family, catalogue
@@ -43,6 +45,8 @@ STEADY, DOUBT = 1.0, 3.0
 WORTH = 0.0005
 #: Difference of evidence beyond which one effect is decidedly better (odds of 150).
 DECISIVE = 10.0
+#: Share of a parameter's information below which its shapes have all of it.
+SHOWN = 1e-6
 #: Share of the whitened square that no effect takes away but by rounding.
 EXACT = 1e-9
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
@@ -156,6 +160,22 @@ def _turned(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
     if not plain:
         return {}, np.zeros((len(on.inverse), trial.width))
     return plain, on.inverse @ projector.crossed(projector.whitened(plain))
+
+
+def covariance_of(candidate: EvaluatedCandidate) -> Floats:
+    """(m, m) of its linear parameters, its shapes refitted too; infinite where it is not told apart from its shapes."""
+    solved, trial, count = candidate.on, candidate.trial, len(candidate.trial.sizes)
+    term, information = trial.added.searched(solved.model.robot), trial.information
+    if term.fitted and not term.effect.periodic:  # a frequency is given to the fit, not fitted
+        projector = Projector(solved)
+        white = projector.whitened(projector.columns([term.at({}, trial.sizes.tolist())]))
+        if white:
+            information = projector.scores(white, next(iter(white.values())).shape[1])[1][0]
+    among, with_shapes, shapes = information[:count, :count], information[:count, count:], information[count:, count:]
+    if len(shapes):
+        among = among - with_shapes @ pseudo_inverse(shapes)[0] @ with_shapes.T
+    is_shown = np.diagonal(among) > SHOWN * np.diagonal(information)[:count]
+    return np.where(np.outer(is_shown, is_shown), pseudo_inverse(among)[0] * solved.scale, np.inf)
 
 
 def rmse(bins: JointBins, misfit: Floats) -> float:
@@ -315,9 +335,34 @@ class Stepwise:
         )
         judged = (self._judged(table, grid, on, chances=chances) for grid, on in self._leaders(table, chances))
         evaluated = sorted((item for item in judged if item is not None), key=lambda item: -item.log_odds)
-        chosen = next((item for item in evaluated if item.fault is None), None)
-        chosen = None if chosen is None else self._named(chosen, evaluated, added)
-        return Step(table, chances, chosen, tuple(evaluated))
+        chosen, shared = next((item for item in evaluated if item.fault is None), None), list[EvaluatedCandidate]()
+        if chosen is None:
+            shared = sorted(self._together(table, chances), key=lambda item: -item.log_odds)
+            chosen = next((item for item in shared if item.fault is None), None)
+        chosen = None if chosen is None else self._named(chosen, shared or evaluated, added)
+        return Step(table, chances, chosen, (*evaluated, *shared))
+
+    def _together(self, table: ScoreTable, chances: SignFlips) -> Iterator[EvaluatedCandidate]:
+        """Effects that surveys find at every joint, at all joints as one, where these show them together.
+
+        Joints at which they would have the wrong sign are left out.
+        """
+        solved, projector = table.solved, Projector(table.solved)
+        for name, tests in table.shared().items():
+            statistics = [np.array(test.statistic / solved.scale) for test in tests]
+            widths = [test.width for test in tests]
+            chance = chances.p_value((name, None), float(surprise_together(statistics, widths)))
+            members = [refine_shape(projector, test) for test in tests if chance <= LEVEL]
+            members = [test for test in members if test.sizes.any() and not drives(solved, test)]
+            if len(members) < FEWEST_JOINTS:
+                continue
+            terms = sorted((test.added for test in members), key=lambda term: term.number)
+            shape = {f"{key}@{term.joint}": value for term in terms for key, value in term.shape.items()}
+            signs = np.concatenate([solved.signs(term) for term in terms])
+            trial = score_at(projector, EffectTerm(Together(terms, signs), None, shape))
+            judged = None if trial is None else self._judged(table, trial, solved, chances=chances)
+            if judged is not None:
+                yield replace(judged, p_value=chance)
 
     def _named(
         self, chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], added: Sequence[EffectTerm]

@@ -83,7 +83,9 @@ def label(effect: str) -> str:
 
 
 def place(finding: Finding | Candidate, robot: Robot) -> str:
-    """Where an effect acts: ``joint 3 (elbow)``, or ``the whole arm``."""
+    """Where an effect acts: ``joint 3 (elbow)``, ``joints 2, 3 and 5 together``, or ``the whole arm``."""
+    if finding.joints:
+        return f"joints {listed([str(joint) for joint in finding.joints])} together"
     return "the whole arm" if finding.joint is None else joint_title(robot, finding.joint).replace("Joint", "joint", 1)
 
 
@@ -98,8 +100,8 @@ def bare(unit: str) -> str:
 
 def finding_title(finding: Finding, diagnosis: Diagnosis, robot: Robot) -> str:
     """Where and what, with the effects that these data do not separate from it; of what was added, that it is there."""
-    where = "The whole arm" if finding.joint is None else joint_title(robot, finding.joint)
-    head = f"{where}: {label(finding.effect)}"
+    where = place(finding, robot)
+    head = f"{where[0].upper()}{where[1:]}: {label(finding.effect)}"
     if any(finding is item for item in diagnosis.applied):
         return f"{head} was missing and is now in the model"
     state = "explains what no effect of the catalogue does" if "of" in finding.shape else "is missing"
@@ -153,7 +155,7 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
     unit_of = {item.name: bare(item.unit) for item in effect.shapes(robot, finding.joint or 0)} if effect else {}
     shape += [f"the form {spoken_form(finding.shape)}"] if "of" in finding.shape else []
     for name, extent in () if shape else finding.shape.items():
-        scale, unit = in_unit(unit_of.get(name, ""), units)
+        scale, unit = in_unit(unit_of.get(name.partition("@")[0], ""), units)
         shape.append(f"{name} {scale * extent:.4g} {unit}".rstrip())
     words = SUSPECT_FORMS[int(finding.shape.get("times", 0.0))] if is_column else listed(shape)
     if not sizes:

@@ -30,10 +30,12 @@ def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
     What the diagnosis finds missing has columns, too, at its shape.
     """
     bins, estimate, present = part.bins, context.estimate, {term.key for term in part.model.effects}
-    findings = [
-        item for item in (context.diagnosis.findings if context.diagnosis else ()) if item.effect in catalogue()
+    findings = [single for item in (context.diagnosis.findings if context.diagnosis else ()) for single in item.each()]
+    tried = [
+        (EffectTerm(catalogue()[item.effect], item.joint, item.shape), item.sizes)
+        for item in findings
+        if item.effect in catalogue()
     ]
-    tried = [(EffectTerm(catalogue()[item.effect], item.joint, item.shape), item.sizes) for item in findings]
     tried = [(term, sizes) for term, sizes in tried if not (context.stale and term.key in present)]
     model = part.model.with_effects(marked((*part.model.effects, *(term for term, _ in tried))))
     facts: dict[str, Any] = {value.name: value for value in estimate.values} | {
