@@ -248,14 +248,6 @@ def expanded(choices: Sequence[EffectChoice], robot: Robot, *, option: str = "ef
     return tuple(out)
 
 
-def at_one_joint(choice: EffectChoice, robot: Robot, option: str) -> EffectChoice:
-    """The choice, checked; an effect of joints with its joint (named after `option`), one of the whole arm without."""
-    if choice.joint is None and known_effect(choice.effect, Where(field=option)).scope is not Scope.ARM:
-        what = f"{choice.effect} acts at one joint at a time, and none is named"
-        raise ModelError("effect-joint", what, Where(field=f"{option} {choice.effect}"), f"write {choice.effect}@3")
-    return expanded([choice], robot, option=option)[0]
-
-
 def known_effect(name: str, where: Where) -> Effect:
     """The effect of the catalogue called `name`; refused where there is none, or where every model has it."""
     effects = catalogue()

@@ -1,33 +1,25 @@
-"""Model discrimination: the runs after which it is decided which of two effects acts, or which show one effect."""
+"""Model discrimination: the runs after which it is decided which of two effects acts."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy import special
 
-from pumaid.dataset import Dataset, Run
 from pumaid.design.candidate_runs import Block, free_blocks, home, postures, speeds, sweeps, top_speed
 from pumaid.design.collision import Collision
-from pumaid.design.information import prior_robots
 from pumaid.diagnosis.candidates import Suspect, grid_of
 from pumaid.diagnosis.records import Finding
-from pumaid.diagnosis.score_test import ScoreTest, refine_shape, scores_at
+from pumaid.diagnosis.score_test import ScoreTest
 from pumaid.diagnosis.stepwise import DECISIVE, evidence
-from pumaid.effect_spec import EffectTerm, at_one_joint, known_effect, option_text
-from pumaid.effects import Scope, Trace, catalogue
-from pumaid.errors import ModelError, Note, Where
-from pumaid.estimate import Estimate
-from pumaid.estimation.fit import ABSORBED, Fit, FitRow, Projector, elsewhere, loaded
-from pumaid.estimation.gls import fit_with_replicates
-from pumaid.joint_bins import COARSE, joint_bins
+from pumaid.effect_spec import EffectTerm
+from pumaid.effects import Trace
+from pumaid.estimation.fit import ABSORBED, Fit, FitRow, elsewhere
+from pumaid.joint_bins import joint_bins
 from pumaid.maths import Counts, Floats
-from pumaid.model import Model
-from pumaid.robot import EffectChoice, Robot
-from pumaid.simulation import Bench, Hidden, Truth, constant_run
-from pumaid.simulation.hidden_effects import LAWS
+from pumaid.robot import Robot
+from pumaid.simulation import constant_run
 from pumaid.trajectory import Motion, NextRun, Plan, Posture, cruise, duration, in_words, run_trapezoid
 from pumaid.units import deviations, factor, number
 
@@ -35,9 +27,9 @@ from pumaid.units import deviations, factor, number
 REPLICATES = 2
 #: Chance of a decision that is promised, and sets of runs beyond which none is.
 PROMISED, MOST_REPEATS = 0.9, 20
-#: Standard deviations below which a set is not worth making, and with which an effect shows among a whole catalogue.
-#: Lead of evidence that is believed at most: what are rivals still is not told apart by evidence alone.
-LEAST, FOUND, BELIEVED = 0.5, 5.0, 2.0
+#: Standard deviations below which a set is not worth making. Lead of evidence that is believed at most: what are rivals
+#: still is not told apart by evidence alone.
+LEAST, BELIEVED = 0.5, 2.0
 #: Speeds tried, slowest as a share of the top speed and of the slowest run so far.
 SPEEDS, SLOW, SLOWER = 9, 0.02, 0.5
 #: Postures from the data and random ones, and candidates from which a set is chosen. What a new posture must tell
@@ -45,8 +37,6 @@ SPEEDS, SLOW, SLOWER = 9, 0.02, 0.5
 MEASURED, DRAWN, TRIED, CAUTION, SHAPES = 5, 9, 160, 1.15, 40
 #: Bins of a run; of a wave of a periodic effect, and at most.
 BINS, A_WAVE, MOST_BINS = 40, 4, 512
-#: Sizes of an effect (SI) that a plan is made for; samples a second and bins a run of a rehearsal.
-_LEAST, _LARGEST, _RATE, _BINS = 1e-12, 1e9, 50.0, 60
 #: Ridge on scaled information; share of the worth of a set that is rounding.
 _RIDGE, _EQUAL = 1e-10, 1e-6
 #: What could tell effects apart where no run within the limits does, by the residual that shows both.
@@ -57,133 +47,25 @@ _WAYS_OUT = {
     Trace.TIME: "a thermometer at the motor might, in a column of the logs, or a rest until the arm is cold",
     Trace.DIRECTION: "another payload or a wider span might",
 }
-#: An effect taken for true, its sizes, the data's score statistic for it, and shapes of its rival (or none).
+#: An effect taken for true, its sizes, the data's score statistic for it, and shapes of its rival.
 Pair = tuple[EffectTerm, Floats, float, Sequence[EffectTerm]]
 
 
-def plan_for_effect(
-    robot: Robot,
-    wanted: EffectChoice,
-    *,
-    whole: Callable[[], Plan],
-    against: EffectChoice | None = None,
-    size: float | None = None,
-    dataset: Dataset | None = None,
-    prior: Estimate | None = None,
-    seed: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
-) -> Plan:
-    """Plan the runs after which an effect is seen, if it is there, or told from a rival.
-
-    Runs are chosen as the deciding run of a diagnosis is. Without a dataset the plan is the experiment `whole`,
-    rehearsed on a virtual robot (of `prior` and `seed`), with the runs on top of it; with one it is the runs alone.
-    `size` is that of the effect's first parameter, SI, others in proportion; else such that it shows at a usual robot.
-
-    Raises
-    ------
-    ModelError [plan-undecided], [plan-impossible], [unknown-effect], [effect-joint], [effect-not-here]
-        No runs within the limits show it, or tell the two apart; a size out of range; no such effect, or not there.
-    """
-    effect, rival, base, notes = at_one_joint(wanted, robot, "--for"), None, None, list[Note]()
-    if against is not None:
-        arm_wide = known_effect(against.effect, Where(field=f"--against {against.effect}")).scope is Scope.ARM
-        joint = against.joint if against.joint is not None or arm_wide else effect.joint
-        rival = at_one_joint(replace(against, joint=joint), robot, "--against")
-    truth = prior_robots(robot, estimate=prior, seed=seed).robots[0]
-    hidden = usual(truth, effect, size)
-    if dataset is None:
-        base = whole()
-        tell("rehearsing the experiment on a virtual robot")
-        dataset = rehearsed(truth if rival is None or hidden is None else truth.hiding([hidden]), base, seed=seed)
-    solved = solved_on(robot, [run for run in dataset.runs if not run.heldout])
-    tell("choosing runs")
-    name, runs = option_text(effect.effect, effect.joint, {}), None
-    title, mend = f"shows {name}", "widen limits or speeds in the recipe, look for a larger effect, or add a sensor"
-    if rival is None:
-        runs = showing(solved, effect, {} if hidden is None else hidden.values)
-    else:
-        other, first, second = option_text(rival.effect, rival.joint, {}), *(_trial(solved, c) for c in (effect, rival))
-        title = f"tells {name} from {other}"
-        mend = mend if base else "plan without --logs for the size that you look for"
-        if first is not None and second is not None:
-            runs, lead = deciding(solved, first, second), evidence(solved, first) - evidence(solved, second)
-            if lead > DECISIVE:
-                notes.append(
-                    Note(
-                        "plan-decided",
-                        f"the runs before these tell {name} of this size from {other} already (evidence"
-                        f" {number(lead, 3)}, decisive from {DECISIVE:g}); a smaller one needs more",
-                    )
-                )
-    if runs is None or not runs.motions:
-        raise ModelError("plan-undecided", f"no run within the limits {title}", mend=mend)
-    plan = extended(base or Plan(robot.name, ()), [(title, runs)], robot)
-    return replace(plan, notes=(*plan.notes, *notes))
-
-
-def rehearsed(truth: Truth, plan: Plan, *, seed: int) -> Dataset:
-    """The fitted runs of a plan as a virtual robot would make them."""
-    fitted = replace(plan, motions=tuple(motion for motion in plan.motions if motion.purpose == "fit"))
-    return Dataset(Bench(truth, fitted, rate=_RATE, bins=_BINS).runs(np.random.default_rng([seed, 5])))
-
-
-def solved_on(robot: Robot, runs: Sequence[Run]) -> Fit:
-    """The base model fitted to runs, as diagnosis starts from it."""
-    return loaded(fit_with_replicates(Model.of_runs(robot, runs), joint_bins(robot, runs, most=COARSE)))
-
-
-def usual(truth: Truth, wanted: EffectChoice, size: float | None = None) -> Hidden | None:
-    """An effect as it shows at a robot without ruling it, its first parameter of `size` where that is given.
-
-    None where the simulator has no such effect and no size is given.
-    """
-    if size is not None and not _LEAST <= abs(size) <= _LARGEST:
-        raise ModelError(
-            "plan-impossible",
-            f"no arm has an effect of the size {size:g}",
-            Where(field=f"--for {wanted.effect}"),
-            f"give a number from {_LEAST:g} to {_LARGEST:g}",
-        )
-    first = catalogue()[wanted.effect].parameters(truth.robot, wanted.joint or 0)[0].name
-    given = {} if size is None else {first: size}
-    hidden = Hidden(wanted.effect, wanted.joint, {**wanted.shape, **given})
-    if wanted.effect in LAWS:
-        with suppress(ModelError):
-            return truth.hiding([hidden]).hidden[0]
-    return hidden if given else None
-
-
-def _trial(solved: Fit, choice: EffectChoice) -> ScoreTest | None:
-    """The effect at its best shape on the runs so far; None where the model absorbs it."""
-    effect, projector = catalogue()[choice.effect], Projector(solved)
-    shaped = [EffectTerm(effect, choice.joint, dict(choice.shape))]
-    terms = shaped if choice.shape else grid_of(solved, effect, choice.joint) or shaped
-    trials = [trial for trial in scores_at(projector, terms[:: max(1, len(terms) // SHAPES)]) if trial is not None]
-    return refine_shape(projector, max(trials, key=lambda trial: trial.statistic)) if trials else None
-
-
-def extended(base: Plan, sets: Sequence[tuple[str, NextRun]], robot: Robot) -> Plan:
-    """A plan with sets of runs on top of it, each as often as it takes, and in words what each does."""
-    motions, postures, assumptions = list(base.motions), list(base.postures), list(base.assumptions)
-    for title, run in sets:
-        often, why = run.repeats or 1, f"{title}: {run.text}"
+def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
+    """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where none has."""
+    motions, postures, assumptions = list[Motion](), list[Posture](), list[str]()
+    for item in findings:
+        run = item.next_run
+        if run is None or not run.motions:
+            continue
+        often, why = run.repeats or 1, f"tells {item.effect} from {', '.join(item.rivals)}: {run.text}"
         motions += run.motions * often
         postures += [Posture(*at, (), why) for at in dict.fromkeys((m.joint, m.hold) for m in run.motions)]
         assumptions.append(
             f"A set of {len(run.motions)} runs, made {f'{often} times' if often > 1 else 'once'}, {why}."
         )
-    longer = replace(base, motions=tuple(motions), postures=tuple(postures), assumptions=tuple(assumptions))
-    return replace(longer, duration=duration(robot, longer), efficiency=None)
-
-
-def plan_of_findings(findings: Iterable[Finding], robot: Robot) -> Plan:
-    """The deciding runs of all findings that have rivals, a set before it is repeated; no motions where none has."""
-    sets = [
-        (f"tells {item.effect} from {', '.join(item.rivals)}", item.next_run)
-        for item in findings
-        if item.next_run and item.next_run.motions
-    ]
-    return extended(Plan(robot.name, ()), sets, robot)
+    made = Plan(robot.name, tuple(motions), tuple(postures), assumptions=tuple(assumptions))
+    return replace(made, duration=duration(robot, made))
 
 
 def deciding(fit: Fit, first: ScoreTest, second: ScoreTest) -> NextRun:
@@ -224,41 +106,12 @@ def deciding(fit: Fit, first: ScoreTest, second: ScoreTest) -> NextRun:
     return NextRun(text, motions, float(apart.min()), int(sure[0]) + 1 if len(sure) else None)
 
 
-def showing(fit: Fit, wanted: EffectChoice, values: Mapping[str, float]) -> NextRun | None:
-    """The feasible runs that best show an effect which the data, fitted without it, cannot show; None where none does.
-
-    `values` are shapes, and of its parameters the first, the others being in the proportion of the effect's examples. A
-    shape that is given nowhere is one from the middle of the effect's grid.
-    """
-    robot, effect, joint = fit.model.robot, catalogue()[wanted.effect], wanted.joint or 0
-    parameters, shapes = effect.parameters(robot, joint), effect.shapes(robot, joint)
-    sizes = np.array([parameter.example for parameter in parameters])
-    sizes = sizes * values.get(parameters[0].name, sizes[0]) / (sizes[0] or 1.0)
-    term = EffectTerm(effect, wanted.joint, {item.name: item.example for item in shapes})
-    grid = _grid(fit, term, most=None) or [term]
-    middle, given = grid[len(grid) // 2].shape, {**values, **wanted.shape}
-    term = replace(term, shape={name: given.get(name, middle[name]) for name in term.shape})
-    if "time" in term.shape:  # an instant that has passed
-        return None
-    pairs: list[Pair] = [(term, part, 0.0, ()) for part in np.diag(sizes)]
-    motions, gains, words = _best_set(fit, pairs, enough=lambda gains: bool(gains.min() >= FOUND**2))
-    gain = float(gains.min()) if motions else 0.0
-    if MOST_REPEATS * gain < FOUND**2:
-        return None
-    return NextRun(
-        f"{words}: {effect.name} would show by {deviations(np.sqrt(gain))} standard deviations",
-        motions,
-        float(np.sqrt(gain)),
-        int(np.ceil(FOUND**2 / gain)),
-    )
-
-
-def _grid(fit: Fit, term: EffectTerm, *, most: int | None = SHAPES) -> list[EffectTerm]:
+def _grid(fit: Fit, term: EffectTerm) -> list[EffectTerm]:
     """The term with the shapes of its effect's grid, evenly thinned; none of an effect that is periodic or arm-wide."""
     if term.joint not in fit.by_bin or term.effect.periodic is not None:
         return []
     grid = grid_of(fit, term.effect, term.joint)
-    thinned = np.linspace(0, len(grid) - 1, min(len(grid), most or len(grid))).round().astype(int)
+    thinned = np.linspace(0, len(grid) - 1, min(len(grid), SHAPES)).round().astype(int)
     return [replace(term, shape={**term.shape, **grid[k].shape}) for k in thinned]
 
 
@@ -304,21 +157,18 @@ class Separation:
         both = total[:, :p, p:] * unit[:, :, None]
         beyond = total[:, p:, p:] - np.swapaxes(both, 1, 2) @ np.linalg.solve(scaled, both)
         square = beyond[:, 0, 0]  # less that of the data before any fit
-        if self.shapes:
-            places = 1 + np.arange(len(self.data) - p - 1).reshape(self.shapes, -1)
-            gram = beyond[:, places[:, :, None], places[:, None, :]]
-            is_seen = np.einsum("mspp->msp", gram) > ABSORBED * total[:, p:, p:][:, places, places]
-            gram = gram * (is_seen[..., None] & is_seen[..., None, :]) + np.eye(gram.shape[2]) * ~is_seen[..., None]
-            score = np.where(is_seen, beyond[:, places, 0], 0.0)[..., None]
-            square = square - (score * np.linalg.solve(gram, score)).sum(axis=(2, 3)).max(axis=1)
+        places = 1 + np.arange(len(self.data) - p - 1).reshape(self.shapes, -1)
+        gram = beyond[:, places[:, :, None], places[:, None, :]]
+        is_seen = np.einsum("mspp->msp", gram) > ABSORBED * total[:, p:, p:][:, places, places]
+        gram = gram * (is_seen[..., None] & is_seen[..., None, :]) + np.eye(gram.shape[2]) * ~is_seen[..., None]
+        score = np.where(is_seen, beyond[:, places, 0], 0.0)[..., None]
+        square = square - (score * np.linalg.solve(gram, score)).sum(axis=(2, 3)).max(axis=1)
         return np.asarray(np.maximum(square[1:] - square[0], 0.0) / self.scale)
 
 
 def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bool = False) -> Floats:
     """(N, V) whitened columns of an effect with several shapes."""
     samples = row.bins.samples
-    if not terms:
-        return np.zeros((len(samples), 0))
     if is_ahead and "time" in terms[0].shape:  # what changed at an instant that has passed stays changed
         long = np.full(len(samples), np.inf)
         samples = replace(samples, time=long, elapsed=long)

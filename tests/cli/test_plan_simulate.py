@@ -1,7 +1,6 @@
 """``pumaid plan`` and ``pumaid simulate`` as a user runs them."""
 
 import json
-import shutil
 import warnings
 from pathlib import Path
 
@@ -63,29 +62,6 @@ def test_prior_is_a_model_of_this_arm(arm):
     assert any("as of the earlier model" in sentence for sentence in assumed)
 
 
-def test_runs_for_an_effect(folder):
-    """--for adds runs of that joint to a short experiment; --size, --against and a shape are heard."""
-    base, more = answer(f"plan {LINE} -o a.yaml")["runs"], answer(f"plan --for stribeck@knee {LINE} -o b.yaml")["runs"]
-    assert more[: len(base)] == base
-    assert {entry["joint"] for entry in more[len(base) :]} == {2}
-    assert len(answer(f"plan --for stribeck@2 --size 0.03 {LINE} -o c.yaml")["runs"]) > len(more)
-    apart = answer(f"plan --for stribeck@2 --against viscous_power {LINE} -o d.yaml")
-    assert "from viscous_power@2" in apart["assumptions"][-1]
-
-
-def test_runs_for_an_effect_after_logs(arm):
-    """With --logs the plan holds the new runs only, by the recipe that was given, not the one beside the logs."""
-    found = answer("plan --for stribeck@2 --logs logs --size 0.05 -o more.yaml")
-    assert {entry["joint"] for entry in found["runs"]} == {2}
-    other = shutil.copytree(arm / "logs", arm / "other" / "logs").parent
-    (other / "recipe.yaml").write_text("nonsense")
-    for recipe, said in (("puma560", "error[column-missing]"), ("recipe.yaml", "clock")):
-        if recipe == "recipe.yaml":
-            (arm / recipe).write_text((arm / recipe).read_text() + "log: {time: clock}\n")
-        line = ("plan", recipe, "--for", "stribeck@2", "--logs", "other/logs", "-o", "p.yaml")
-        assert said in run(*line, code=3).stderr
-
-
 def test_a_looked_at_plan_is_written_where_asked(folder):
     """--check writes nothing unasked; -o - prints the plan with what it promises, which can be read again."""
     run("plan", "--minutes", "3")
@@ -107,7 +83,7 @@ def test_a_motion_is_planned_drawn_checked_and_executed(folder, monkeypatch):
     assert "note[plan-compared]: in 0.6 min this picks" in done.stderr and (folder / "motion.png").is_file()
     document = answer("plan --check plan.yaml")
     assert document["runs"] == [] and document["trajectory"]["kind"] == "picks"
-    assert "--motion plans a trajectory" in run("plan", "--motion", "picks", "--for", "stribeck", code=2).stderr
+    assert "--motion plans a trajectory" in run("plan", "--motion", "picks", "--postures", "2", code=2).stderr
     (entry,) = answer("simulate --rate 50")["files"]
     assert entry["end"] == pytest.approx(36.0, abs=0.1)
     second = answer("identify logs")["joints"][1]["parameters"]

@@ -6,7 +6,6 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -170,11 +169,8 @@ ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
 SHAPES = ("minutes", "speeds", "postures", "replicates")
 #: Two options, the second one of several, that do not go together, and why.
 EXCLUDES = (
-    ("check", ("for",), "--check looks at a plan; --for makes one"),
     ("check", SHAPES, "--check looks at a plan; it has its time, speeds and passes"),
-    ("motion", ("check", "for", "speeds", "postures", "replicates"), "--motion plans a trajectory of all joints"),
-    ("logs", SHAPES, "--for with --logs adds runs; options of a whole plan have no use"),
-    ("for", ("payload",), "--for plans for the bare arm"),
+    ("motion", ("check", "speeds", "postures", "replicates"), "--motion plans a trajectory of all joints"),
 )
 
 
@@ -202,10 +198,6 @@ EXCLUDES = (
     metavar="KG,X,Y,Z",
     help="The last link carries KG at X,Y,Z (m).",
 )
-@click.option("--for", metavar="EFFECT", help="Runs that show EFFECT[@JOINT].")
-@click.option("--against", metavar="EFFECT", help="With --for: runs that tell it from this.")
-@click.option("--size", type=float, metavar="A", help="With --for: its first parameter, SI.")
-@click.option("--logs", type=options.LOGS, multiple=True, metavar="LOGS", help="With --for: what was run already.")
 @click.option("--check", type=options.FILE, metavar="PLAN", help="What PLAN promises; exit code 1 if it lacks any.")
 @click.option(
     "--format",
@@ -232,14 +224,12 @@ def plan(
 ) -> bool:
     """Plan the runs that tell most of an arm in the time that it has.
 
-    With --for: runs that show one effect or tell it from a rival. With --check: what a plan promises and lacks. RECIPE
-    is a file or the name of a shipped one; else recipe.yaml here.
+    With --check: what a plan promises and lacks. RECIPE is a file or the name of a shipped one; else recipe.yaml here.
 
     \b
     Example:
       pumaid plan recipe.yaml --minutes 30 --prior results/model.json
       pumaid plan recipe.yaml --motion fourier --minutes 2
-      pumaid plan --for stribeck@3 --against viscous_power --logs logs/
       pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
@@ -258,7 +248,7 @@ def plan(
     if given is None:
         text_of(Plan(robot.name, ()), robot)  # an arm that the form cannot move is refused before the work
         path = output or (experiment.folder / PLAN_NAME).with_suffix(suffix)
-    read = replace(experiment, logs=asked["logs"]).files(asked["prior"], given)
+    read = experiment.files(asked["prior"], given)
     inputs = [file for file in read if file.name != PLAN_NAME or file == given]
     spare_inputs([path, picture], inputs, new=() if force else (path,))
     with progress("planning") as step:
@@ -281,14 +271,9 @@ def plan(
 
 
 def _refuse_contradictions(options: dict[str, Any]) -> None:
-    """Refuse options (name -> value) of which one needs another that is missing, or that do not go together."""
+    """Refuse options (name -> value) that do not go together."""
     given = {name for name, value in options.items() if value not in (None, ())}
-    wrong = [
-        f"--{name} goes with --for" for name in ("against", "size", "logs") if name in given and "for" not in given
-    ]
-    wrong += [reason for name, rivals, reason in EXCLUDES if name in given and given & set(rivals)]
-    if given >= {"size", "against", "logs"}:
-        wrong.append("--size goes without --logs where there is a rival: in logs an effect has the size that it has")
+    wrong = [reason for name, rivals, reason in EXCLUDES if name in given and given & set(rivals)]
     if wrong:
         raise click.UsageError(wrong[0])
 
@@ -297,9 +282,7 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design import motion
     from pumaid.design import plan as design
-    from pumaid.diagnosis.discrimination import plan_for_effect
     from pumaid.io.plan_file import read_plan
-    from pumaid.robot import read_choice
 
     robot = experiment.robot
     given = None if options["check"] is None else read_plan(options["check"], robot)
@@ -315,26 +298,13 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
         kind, minutes = options["motion"], options["minutes"]
         return motion.plan_motion(robot, kind, minutes=minutes, payload=options["payload"], **shared)
 
-    whole = partial(
-        design.plan,
+    return design.plan(
         robot,
         minutes=options["minutes"],
         speeds=options["speeds"],
         postures_per_joint=options["postures"],
         replicates=options["replicates"],
         payload=options["payload"],
-        **shared,
-    )
-    if options["for"] is None:
-        return whole()
-    measured = replace(experiment, logs=options["logs"], recipe=experiment.recipe_path)
-    return plan_for_effect(
-        robot,
-        read_choice(options["for"], robot, "--for"),
-        against=options["against"] and read_choice(options["against"], robot, "--against"),
-        size=options["size"],
-        whole=whole,
-        dataset=measured.dataset() if measured.logs else None,
         **shared,
     )
 
