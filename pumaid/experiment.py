@@ -19,7 +19,7 @@ from pumaid.io.plan_file import find_plan, read_plan
 from pumaid.io.recipe import find_recipe, shipped_recipes
 from pumaid.io.urdf import read_robot
 from pumaid.io.write import write_file
-from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
+from pumaid.preprocessing.binning import DEFAULTS
 from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 from pumaid.results.documents import check_same_recipe, read_model
 from pumaid.robot import Robot
@@ -83,25 +83,23 @@ class Experiment:
         check_parameters(estimate, self.robot)
         return estimate
 
-    def dataset(self, *, extra: Sequence[str] = (), options: SegmentOptions | None = None) -> Dataset:
+    def dataset(self, *, extra: Sequence[str] = ()) -> Dataset:
         """The dataset of the logs: what `DATASET` in the results folder holds if it was made of them, else anew.
 
         Parameters
         ----------
         extra
             Columns of the logs that the user suspects; they arrive in the bins.
-        options
-            Thresholds of the segmentation; else its own.
 
         Returns
         -------
         dataset
             Runs that the plan beside the recipe or the user keeps for judging are marked as held out.
         """
-        chosen = replace(options or DEFAULTS, cell=self.cell)
+        options = replace(DEFAULTS, cell=self.cell)
         paths = expand(self.logs)
         plan = find_plan([self.folder])
-        made_from = dataset_inputs(self.robot, plan, options=repr(chosen), trust=self.trust, columns=list(extra))
+        made_from = dataset_inputs(self.robot, plan, options=repr(options), trust=self.trust, columns=list(extra))
         sizes = [path.stat().st_size for path in paths if isinstance(path, Path) and path.is_file()]
         file = self.results_folder / DATASET if len(sizes) == len(paths) else None
         dataset = read_dataset(file, paths, made_from, tell=self.tell) if file else None
@@ -112,7 +110,7 @@ class Experiment:
                 dataset = ingest(
                     paths,
                     self.robot,
-                    options=chosen,
+                    options=options,
                     extra=extra,
                     trust=self.trust,
                     executor=executor,

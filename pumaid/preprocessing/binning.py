@@ -1,14 +1,13 @@
 """Pieces of a log as records: runs, strokes and blocks of any motion in bins, and what is left out with its reason."""
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, arrays_of, finer, finite_means, spans
-from pumaid.errors import PumaidError, Where, listed
 from pumaid.maths import Counts, Floats, pseudo_inverse
 from pumaid.preprocessing.differentiate import Ticks, slopes, velocity
 from pumaid.preprocessing.parallel_filter import Cells, about_line, cell_length, cells, position_noise, stroke_bins
@@ -35,14 +34,6 @@ FEWEST_CELLS = 8
 
 #: Numbers beyond it (rad, m, A) are garbage of a logger, no measurements.
 LARGEST = 1e6
-#: The word of `SegmentOptions.kinds` for all kinds of runs.
-BOTH = "both"
-#: Between which values thresholds lie that may not have any above 0: shares, and the samples of a window, of which what
-#: the next one sees again must not be most.
-RANGES = {
-    **dict.fromkeys(("speed_tolerance", "plateau_share", "held_share", "low_speed_share"), (0.0, 1.0)),
-    "window": (2047, math.inf),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +43,6 @@ class SegmentOptions:
     Speeds and lengths are in the joint's own unit: rad for a revolute joint, m for a prismatic one.
     """
 
-    # ``"both"``: strokes where the constant part of a movement is too small a share of it, and blocks of other motion
-    kinds: str = BOTH
     min_duration: float = 0.2  # s at constant speed; noise of currents is correlated over tens of milliseconds
     min_travel: float = 0.02  # rad or m; over less, gravity's sine and cosine cannot be told from a constant
     min_samples: int = 12  # of a run
@@ -67,17 +56,8 @@ class SegmentOptions:
     low_speed_share: float = 0.05  # of its peak speed, below which a stroke's friction is not yet sliding
     cell: float | None = None  # s that a cell of a block lasts; None: as the encoder needs
     max_bins: int = 512  # of a run; of more than two turns, half as many for each turn
-    window: int = 131_072  # samples held in memory at a time; a longer movement is cut
-
-    def __post_init__(self) -> None:
-        kinds = (CONSTANT, STROKE, BOTH)
-        if self.kinds not in kinds:
-            raise PumaidError("bad-option", f"kinds is {self.kinds!r}", Where(field="kinds"), f"one of {listed(kinds)}")
-        for name, value in asdict(self).items():
-            low, high = RANGES.get(name, (0.0, math.inf))
-            if not isinstance(value, str | None) and not low < value < high:
-                mend = f"give more than {low:g} and less than {high:g}"
-                raise PumaidError("bad-option", f"{name} is {value!r}", Where(field=name), mend)
+    # Samples held in memory at a time, many more than the next window sees again; a longer movement is cut.
+    window: int = 131_072
 
 
 #: All defaults.

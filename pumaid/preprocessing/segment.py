@@ -193,7 +193,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
             code = np.select([count == 0, count == 1], [REST, signed], SEVERAL)
             stretch = Stretch(samples, part, sampled, error, ticks)
             pieces, last = _pieces(stretch, ticks, code, moving=moving, options=options)
-            yield stretch, _with_blocks(pieces, sampled, options), last
+            yield stretch, _with_blocks(pieces, sampled), last
         else:
             label = "gap" if good[part[0]] else "not-a-number"
             yield Stretch(samples, part, samples.time), [Piece(0, len(part), label)], 0
@@ -269,9 +269,9 @@ def _of_movement(
         return [Piece(start, stop, "rest")]
     if before == after == SEVERAL and duration < LONE:
         return [replace(whole, label="between-several")]
-    constant = [] if options.kinds == STROKE else _constant_velocities(ticks, bounds, joint, options)
+    constant = _constant_velocities(ticks, bounds, joint, options)
     runs = [run for run in constant if is_long(run)]
-    is_whole = END_OF_DATA not in (before, after) and options.kinds != CONSTANT
+    is_whole = END_OF_DATA not in (before, after)
     if not runs or (is_whole and sum(map(way, runs)) < options.plateau_share * whole.figure):
         runs, label = [], "too-short" if constant or duration < 2 * options.min_duration else "speed-not-constant"
         whole = replace(whole, label=label)
@@ -296,10 +296,8 @@ def _of_movement(
     return [piece for piece in (*out, replace(whole, start=at)) if piece.stop > piece.start]
 
 
-def _with_blocks(pieces: list[Piece], time: Floats, options: SegmentOptions) -> list[Piece]:
+def _with_blocks(pieces: list[Piece], time: Floats) -> list[Piece]:
     """The pieces, neighbours that move and are no run joined to blocks where they last long enough."""
-    if options.kinds in (CONSTANT, STROKE):
-        return pieces
 
     def seconds(chosen: Iterable[Piece]) -> float:
         return sum(float(time[piece.stop - 1] - time[piece.start]) for piece in chosen)

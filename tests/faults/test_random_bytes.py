@@ -127,7 +127,7 @@ def test_a_closed_input_is_told(arm, words):
     assert done.returncode == 3 and done.stderr.count("error[") == 1 and "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("words", ["--version", "plan --help", "segment logs --csv"])
+@pytest.mark.parametrize("words", ["--version", "plan --help", "segment logs"])
 def test_a_full_output_is_one_message(arm, words):
     """Help and version are told as results are."""
     done = shell(f"pumaid {words} >/dev/full", arm)

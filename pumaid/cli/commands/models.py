@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import rich_click as click
 
@@ -17,28 +17,11 @@ if TYPE_CHECKING:
     from pumaid.experiment import Experiment
     from pumaid.robot import Robot
 
-#: What a threshold of `segment` may be.
-_SHARE = click.FloatRange(0.0, 1.0, min_open=True, max_open=True)
-_POSITIVE = click.FloatRange(0.0, min_open=True)
-
 
 @click.command()
 @options.logs_argument
-@click.option(
-    "--kinds",
-    type=click.Choice(["both", "constant", "stroke"]),
-    metavar="KIND",
-    default="both",
-    help="constant (speed), stroke or both.",
-)
-@click.option("--min-duration", type=_POSITIVE, metavar="S", help="Shortest run, s. [default: 0.2]")
-@click.option("--min-travel", type=_POSITIVE, metavar="X", help="Least travel, rad or m. [default: 0.02]")
-@click.option("--speed-tolerance", type=_SHARE, metavar="SHARE", help="Spread of constant speed. [default: 0.03]")
-@click.option("--held-share", type=_SHARE, metavar="SHARE", help="Speed of a held joint, as share. [default: 0.02]")
-@click.option("--held-drift", type=_POSITIVE, metavar="X", help="Travel of a held joint, rad or m. [default: 0.02]")
 @click.option("--rejects", is_flag=True, help="List all that was left out, and why.")
 @options.picture_option
-@click.option("--csv", "as_csv", is_flag=True, help="Print the runs as CSV, in SI.")
 @options.units_option
 @options.experiment_options(has_heldout=False, has_results=False)
 @options.json_option
@@ -47,10 +30,8 @@ def segment(
     experiment: Experiment,
     rejects: bool,
     picture: Path | None,
-    as_csv: bool,
     units: str,
     as_json: bool,
-    **thresholds: Any,
 ) -> None:
     """Find the runs in logs: one joint alone, at constant speed or from rest to rest.
 
@@ -62,14 +43,10 @@ def segment(
       pumaid segment logs/ --units deg --picture runs.png
       pumaid segment logs/ --json | jq '.runs[] | {joint, speed, samples}'
     """
-    from pumaid.preprocessing.binning import SegmentOptions
     from pumaid.reporting import documents, run_tables
 
-    if as_json and as_csv:
-        raise click.UsageError("--json and --csv both want standard output; give one of them")
     spare_inputs([picture], experiment.files() if picture else [])
-    chosen = SegmentOptions(**{name: value for name, value in thresholds.items() if value is not None})
-    robot, dataset = experiment.robot, experiment.dataset(options=chosen)
+    robot, dataset = experiment.robot, experiment.dataset()
     notes(dataset.notes)
     if picture is not None:
         from pumaid.reporting.figures.experiment import run_figure
@@ -82,8 +59,6 @@ def segment(
             robot=robot,
             logs={facts.name: facts.digest for facts in dataset.files},
         )
-    elif as_csv:
-        write_result(Path("-"), documents.frame_as(documents.runs_frame(dataset.runs, robot), "csv"))
     else:
         show(
             run_tables.run_table(dataset, robot, units=units),
