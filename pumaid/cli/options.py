@@ -168,5 +168,5 @@ def experiment_options(*, has_heldout: bool = True, has_results: bool = True) ->
 
 def model_on_logs(function: Decorated) -> Decorated:
     """``MODEL LOGS...`` with the options of reading and showing them: what `compare` and `diagnose` are asked alike."""
-    reading = (model_argument, logs_argument, effects_option, picture_option, units_option)
+    reading = (model_argument, logs_argument, effects_option, units_option)
     return together(function, *reading, experiment_options(has_results=False), json_option, check_option)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: Forms of a table, with their suffix.
-TABLE_FORMS = {"text": "txt", "csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md", "json": "json"}
+TABLE_FORMS = {"csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md"}
 
 #: Entry of a run -> column of tables of runs; for prismatic joints m stands in place of rad.
 RUN_COLUMNS = {
@@ -119,20 +118,17 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
 def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
     """The parameter table as a file's content, in one of `TABLE_FORMS`.
 
-    Text, LaTeX and Markdown look like the paper's Table I; CSV, Parquet and JSON hold one row a parameter.
+    LaTeX and Markdown look like the paper's Table I; CSV and Parquet hold one row a parameter.
     """
-    if form in ("csv", "parquet", "json"):
+    if form in ("csv", "parquet"):
         return frame_as(parameters_frame(estimate, units), form)
     return str(getattr(parameter_table(estimate, robot, units), form)()).encode("utf-8")
 
 
 def frame_as(frame: pd.DataFrame, form: str) -> bytes:
-    """A frame as a file's content: ``csv``, ``parquet`` or ``json``."""
+    """A frame as a file's content: ``csv`` or ``parquet``."""
     if form == "parquet":
         return bytes(frame.to_parquet(index=False))
-    if form == "json":
-        records = json.loads(frame.to_json(orient="records", double_precision=15))
-        return (json.dumps(records, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
     return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
 
 

@@ -14,14 +14,13 @@ COMPARE = ("compare", "results/model.json")
 
 
 def test_prints_error_by_joint_and_the_worst_runs(arm):
-    """Tables of joints, of where the error lives and of the worst runs; and a picture."""
-    told = run(*COMPARE, "logs", "--worst", "2", "--figure", "misfit.png", "--check").stdout
+    """Tables of joints, of where the error lives and of the worst runs."""
+    told = run(*COMPARE, "logs", "--worst", "2", "--check").stdout
     assert "noise floor" in told
     assert "noise" in told.split("Residual budget")[1]
     worst = told.split("Runs with the largest error")[1].split("Sorted by")[0]
     rows = re.findall(r"^ ?(\d)  ", worst, re.MULTILINE)  # a table wider than the terminal goes on below itself
     assert rows in (["1", "2"], ["1", "2"] * 2)
-    assert Path("misfit.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_hidden_ripple_is_told(arm):
@@ -41,12 +40,11 @@ def test_a_hidden_ripple_is_told(arm):
 
 
 def test_logs_without_runs_still_have_their_tables(arm):
-    """Where no run is found, table and JSON come all the same; that there is nothing to draw is a note."""
+    """Where no run is found, table and JSON come all the same."""
     lines = Path("logs/session_01.csv").read_text(encoding="utf-8").splitlines()
     Path("rest.csv").write_text("\n".join(lines[:20]) + "\n", encoding="utf-8")
-    done = run(*COMPARE, "rest.csv", "--picture", "misfit.png")
+    done = run(*COMPARE, "rest.csv")
     assert "Model against measurement" in done.stdout and "Runs with the largest error" not in done.stdout
-    assert "no misfit to draw" in done.stderr and not Path("misfit.png").exists()
     assert answer("compare results/model.json rest.csv")["rmse"] is None
 
 
@@ -70,11 +68,3 @@ def test_report_goes_where_it_is_told(arm):
     files = answer("report -o page.html --figures pictures --results out --format svg --units deg")["files"]
     assert all(Path(name).is_file() for name in files)
     assert "page.html" in files and "pictures/spent.svg" in files and "out/tables/runs.csv" in files
-
-
-def test_table_goes_to_standard_output(arm):
-    """``--table`` prints the parameter table in any form and writes nothing."""
-    starts = {"text": "two-link", "csv": "name,symbol", "latex": "% needs", "markdown": "**two-link", "json": "["}
-    for form, start in starts.items():
-        assert run("report", "--table", form).stdout.startswith(start)
-    assert not Path("results/report.html").exists()

@@ -33,8 +33,7 @@ def test_a_row_for_each_model(arm):
 
 def test_document_tells_the_ladder(arm):
     """``--json`` is one document: models with what they add, their errors, and the path to the current one."""
-    told = answer("history --picture ladder.svg")
-    assert (arm / "ladder.svg").read_bytes().startswith(b"<?xml")
+    told = answer("history")
     assert (told["kind"], told["format"], told["current"]) == ("history", 1, 3)
     (ladder,) = told["ladders"]
     assert ladder["path"] == [1, 2, 3] and ladder["apart"] is None

@@ -16,8 +16,7 @@ OVER = (
     (f"diagnose {MODEL} logs --force --plan", RECIPE),
     (f"report {MODEL} logs -o", RECIPE),
     (f"report {MODEL} logs --format= -o", MODEL),
-    (f"report {MODEL} --table csv -o", LOG),
-    (f"report {MODEL} --table json -o", MODEL),
+    (f"report {MODEL} -o", LOG),
     (f"export {MODEL} --format python --force -o", RECIPE),
     (f"export {MODEL} --format json --force -o", MODEL),
 )

@@ -103,16 +103,10 @@ def test_a_fault_is_never_silent(arm, fault):
 pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
 
 
-@pytest.mark.parametrize(
-    ("words", "streams"),
-    [
-        *(("identify logs", streams) for streams in (">&-", "2>&-", "2>/dev/full", ">&- 2>&- <&-")),
-        ("report results/model.json --table csv -o -", ">&- 2>&-"),
-    ],
-)
-def test_what_nobody_hears_is_done_all_the_same(arm, words, streams):
+@pytest.mark.parametrize("streams", ["2>/dev/full", ">&- 2>&- <&-"])
+def test_what_nobody_hears_is_done_all_the_same(arm, streams):
     """Closed outputs, and a full one for remarks, are as if they led nowhere."""
-    done = shell(f"pumaid {words} {streams}", arm)
+    done = shell(f"pumaid identify logs {streams}", arm)
     assert done.returncode == 0 and "Traceback" not in done.stderr
     assert json.loads((arm / "results" / "model.json").read_text())["kind"] == "model"
 

@@ -88,15 +88,6 @@ def test_residuals_are_drawn_against_what_varies(context):
     )  # fmt: skip
 
 
-def test_several_joints_stand_beside_each_other(context):
-    """The figure of ``compare`` has a column a joint: the current, below it the residual against what varies."""
-    axes = model.residual_figure(context, [1, 2]).figure.axes
-    titles = [axis.get_title(loc="left") for axis in axes[:2]]
-    assert ["current" in title and f"Joint {joint}" in title for joint, title in enumerate(titles, 1)] == [True, True]
-    labels = {axis.get_xlabel() for axis in axes}
-    assert {"position (rad)", "speed (rad/s)", "gravity current (A)"} <= labels
-
-
 def test_logs_without_runs_draw_no_empty_figure(context):
     """With nothing to show there is only the arm."""
     nothing = Dataset(())

@@ -151,7 +151,6 @@ def compare(
     model: Path,
     experiment: Experiment,
     worst: int,
-    picture: Path | None,
     units: str,
     as_json: bool,
     check: bool,
@@ -161,23 +160,15 @@ def compare(
     \b
     Example:
       pumaid compare results/model.json logs/
-      pumaid compare results/model.json new_logs/ --worst 10 --picture misfit.svg
+      pumaid compare results/model.json new_logs/ --worst 10
       pumaid compare results/model.json logs/ --json | jq '.joints[].rmse'
     """
     from pumaid.diagnosis.compare import compare
     from pumaid.reporting import documents, tables, text
 
-    spare_inputs([picture], experiment.files(model) if picture else [])
     estimate, robot, dataset = experiment.model(model), experiment.robot, experiment.dataset()
     comparison = compare(estimate, dataset, robot)
     notes((*estimate.notes, *comparison.notes))
-    if picture is not None and comparison.runs:
-        from pumaid.reporting.figures.model import ReportContext, residual_figure
-
-        context = ReportContext(robot, estimate, dataset, comparison, units)
-        write_picture(picture, residual_figure(context, context.moving()))
-    elif picture is not None:
-        remark(f"no run was found, so there is no misfit to draw: {picture} is not written")
     if as_json:
         document(documents.comparison_document(comparison), "comparison", robot=robot, logs=comparison.logs)
     else:
@@ -194,6 +185,7 @@ def compare(
 @options.force_option
 @options.output_option("The JSON; else results/diagnosis.json; - prints it.")
 @options.results_option
+@options.picture_option
 @options.model_on_logs
 def diagnose(
     *,

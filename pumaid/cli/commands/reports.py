@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, progress, remark, show, spare_inputs, write_picture, write_result
+from pumaid.cli.output import document, notes, progress, remark, show, spare_inputs, write_result
 from pumaid.errors import ModelError, Note, ResultError, Where, meant
 
 if TYPE_CHECKING:
@@ -17,22 +17,14 @@ if TYPE_CHECKING:
     from pumaid.exports import Exported
     from pumaid.reporting.page import ReportContext
 
-#: What only the parameter table is written as, and figures.
-TABLES, FIGURES = ("text", "csv", "parquet", "latex", "markdown", "json"), ("png", "svg", "pdf")
+FIGURES = ("png", "svg", "pdf")
 
 
 @click.command()
 @click.argument("model", type=options.FILE_OR_PIPE, required=False, metavar="[MODEL]")
 @click.argument("logs", type=options.LOGS, nargs=-1, metavar="[LOGS...]")
 @options.effects_option
-@options.output_option("The page or table; else results/report.html; - prints it.")
-@click.option(
-    "--table",
-    "form",
-    type=click.Choice(TABLES),
-    metavar="FORM",
-    help=f"Only the parameter table: {', '.join(TABLES)}.",
-)
+@options.output_option("The page; else results/report.html; - prints it.")
 @click.option("--figures", type=options.FILE, metavar="FOLDER", help="For figures; else results/figures.")
 @click.option(
     "--format",
@@ -49,7 +41,6 @@ def report(
     model: Path | None,
     experiment: Experiment,
     output: Path | None,
-    form: str,
     figures: Path | None,
     forms: tuple[str, ...],
     units: str,
@@ -63,25 +54,17 @@ def report(
     Example:
       pumaid report
       pumaid report results/model.json new_logs/ -o new.html --units deg
-      pumaid report --table latex > table.tex
       pumaid report --figures paper/ --format pdf
     """
-    from pumaid.reporting import documents, page
+    from pumaid.reporting import page
 
-    if as_json and (form is not None or str(output) == "-"):
-        raise click.UsageError("--json tells which files a report wrote; --table and -o - want standard output too.")
+    if as_json and str(output) == "-":
+        raise click.UsageError("--json tells which files a report wrote; -o - wants standard output too.")
     place = str(model.parent.parent / "logs") if model and str(model) != "-" else "logs"
     near = replace(experiment, logs=experiment.logs or (place,))
     source = model or near.folder / "results" / "model.json"
     experiment = replace(near, logs=experiment.logs or (str(near.folder / "logs"),))
     spare_inputs([output], experiment.files(source, source.parent / "diagnosis.json"))
-    if form is not None:
-        write_result(
-            output or Path("-"),
-            documents.parameters_as(experiment.model(source), experiment.robot, form, units=units),
-            "table",
-        )
-        return
     context = _context(source, experiment, units=units)
     files: list[Path] = []
     with progress("drawing") as step:
@@ -125,9 +108,8 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
 @options.results_option
 @options.effects_option
 @click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
-@options.picture_option
 @options.json_option
-def history(*, folder: Path, results: Path | None, restore: int | None, picture: Path | None, as_json: bool) -> None:
+def history(*, folder: Path, results: Path | None, restore: int | None, as_json: bool) -> None:
     """Tell the error ladder of an experiment: each model, what it added, and the error after.
 
     FOLDER is the experiment's, or its results; the working folder where not given. Every model that identify and
@@ -137,7 +119,7 @@ def history(*, folder: Path, results: Path | None, restore: int | None, picture:
     \b
     Example:
       pumaid history
-      pumaid history my_arm --picture ladder.svg
+      pumaid history my_arm
       pumaid history --restore 2
       pumaid history --json | jq '.ladders[0].models[].rmse'
     """
@@ -150,10 +132,6 @@ def history(*, folder: Path, results: Path | None, restore: int | None, picture:
         remark(f"model {restore} is the current one again: {archive.restore(place, restore)}")
     models = archive.read_history(place)
     notes(models.notes)
-    if picture is not None:
-        from pumaid.reporting.figures.model import history_figure
-
-        write_picture(picture, history_figure(models.ladders[0]))
     if as_json:
         document(documents.history_document(models), "history")
     else:

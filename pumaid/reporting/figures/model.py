@@ -33,7 +33,6 @@ from pumaid.reporting.figures.style import (
     MOST_POINTS,
     PALE,
     ROOM,
-    WIDTH,
     Drawing,
     clock_shifts,
     direction_handles,
@@ -60,8 +59,8 @@ from pumaid.robot import Robot, posture_groups
 EFFECT_COLOURS = dict(zip(("gravity", "coulomb", "viscous", "inertia"), AREAS, strict=False))
 EFFECT_NAMES = {"coulomb": "Coulomb friction", "viscous": "viscous friction"}
 
-#: inch of the width of a history on a page; characters that labels of models have for each inch.
-PAGE_WIDTH, LETTERS = 4.9, 9.2
+#: inch of the width of a history; characters that labels of models have for each inch.
+HISTORY_WIDTH, LETTERS = 5.4, 9.2
 
 #: Postures of a joint in a figure of currents; bins over position (fine enough for a ripple) and other variables.
 MOST_POSTURES, FINE, COARSE = 3, 48, 14
@@ -175,10 +174,10 @@ def _share_bars(axes: Axes, scores: Sequence[JointScore], colours: dict[str, str
 
 
 @styled()
-def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
+def history_figure(ladder: Ladder) -> Drawing:
     """The whole arm's error of each model, from the first to the current one, as steps."""
     path = ladder.path
-    figure = Figure(figsize=(width, 3.6), layout="constrained")
+    figure = Figure(figsize=(HISTORY_WIDTH, 3.6), layout="constrained")
     axes, edges = figure.subplots(), np.arange(len(path) + 1)
     values = np.array([list(rung.whole.values()) for rung in path], dtype=float).T
     fitted, heldout, floor = np.column_stack([values, values[:, -1]])
@@ -190,7 +189,7 @@ def history_figure(ladder: Ladder, *, width: float = 7.2) -> Drawing:
             edges, 0.0, floor, step="post", label="noise floor", color=GREY, alpha=0.28, linewidth=0, zorder=0
         )
     axes.set(ylim=(0.0, 1.18 * np.nanmax(values, initial=0.0) or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
-    labels, room = [], int(LETTERS * width / len(path))
+    labels, room = [], int(LETTERS * HISTORY_WIDTH / len(path))
     for before, rung in zip((None, *path), path, strict=False):
         words = changes(rung) if before is None or rung.parent == before.number else ["several steps"]
         texts = [word.replace("_", " ").replace("@", " @") for word in words] if room >= 8 else []
@@ -270,38 +269,21 @@ def _course(axes: Axes, context: ReportContext, group: Sequence[RunScore]) -> No
 
 
 @styled()
-def residual_figure(context: ReportContext, joints: Sequence[int]) -> Drawing:
-    """The residual of joints against position, speed, load, time, posture and temperature, as far as they vary.
-
-    A column a joint; of several joints their currents stand above.
-    """
-    bins = {joint: joint_residuals(context, joint) for joint in joints}
-    drawn = {joint: {name.split(" (")[0]: name for name in varying(frame)} for joint, frame in bins.items()}
-    words = list(dict.fromkeys(word for names in drawn.values() for word in names))
-    above = int(len(joints) > 1)
-    height, width = 1.28 if len(words) > 2 else 1.6, NARROW if above else WIDTH
-    figure, grid = panels(above + len(words), len(joints), height=height, width=width)
-    for (first, *_), joint in zip(grid.T, joints, strict=True):
-        first.set_title(f"{shortened(joint_title(context.robot, joint), 32)}: {'current' if above else 'residual'}")
-        if above:
-            _course(first, context, context.postures(joint)[0])
-    for row, word in zip(grid[above:], words, strict=True):
-        for axes, (joint, names) in zip(row, drawn.items(), strict=True):
-            if word in names:
-                _binned(axes, bins[joint], names[word], context.comparison.joints[joint - 1].noise_floor)
-            else:
-                axes.set_axis_off()
-    ways = direction_handles(way for frame in bins.values() for way in frame["direction"])
-    has_floor = any(context.comparison.joints[joint - 1].noise_floor is not None for joint in joints)
-    legend(figure, [*ways, *([Patch(color=GREY, alpha=0.4, label="noise floor")] if has_floor else [])])
-    postures = [group[0].run.posture.tolist() for group in context.postures(joints[0])[:4]]
+def residual_figure(context: ReportContext, joint: int) -> Drawing:
+    """The residual of a joint against position, speed, load, time, posture and temperature, as far as they vary."""
+    bins, floor = joint_residuals(context, joint), context.comparison.joints[joint - 1].noise_floor
+    names = varying(bins)
+    figure, grid = panels(len(names), height=1.28 if len(names) > 2 else 1.6)
+    for axes, name in zip(grid.flat, names, strict=True):
+        _binned(axes, bins, name, floor)
+    title = joint_title(context.robot, joint)
+    grid[0, 0].set_title(f"{shortened(title, 32)}: residual")
+    band = [] if floor is None else [Patch(color=GREY, alpha=0.4, label="noise floor")]
+    legend(figure, [*direction_handles(bins["direction"]), *band])
+    postures = [group[0].run.posture.tolist() for group in context.postures(joint)[:4]]
     texts = [f"{k} = {posture_text(context.robot, p, context.units)}" for k, p in enumerate(postures, start=1)]
-    return Drawing(
-        f"residual_j{joints[0]}",
-        f"{joint_title(context.robot, joints[0])}: residual",
-        f"Postures ({context.unit(joints[0])[1]}): {'; '.join(texts)}.",
-        figure,
-    )
+    caption = f"Postures ({context.unit(joint)[1]}): {'; '.join(texts)}."
+    return Drawing(f"residual_j{joint}", f"{title}: residual", caption, figure)
 
 
 def joint_residuals(context: ReportContext, joint: int) -> pd.DataFrame:

@@ -83,7 +83,7 @@ def summary(context: ReportContext) -> Content:
         ],
         "joints": [text.joint_sentence(score, context.robot) for score in scores],
         "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
-        "steps": model.history_figure(context.ladder, width=5.4) if context.ladder and len(path) > 1 else None,
+        "steps": model.history_figure(context.ladder) if context.ladder and len(path) > 1 else None,
     }
 
 
@@ -146,7 +146,7 @@ def residuals(context: ReportContext) -> Content | None:
         return None
     return {
         "parts": tables.budget_table(context.comparison, context.robot),
-        "figures": [model.residual_figure(context, [joint]) for joint in context.moving()],
+        "figures": [model.residual_figure(context, joint) for joint in context.moving()],
         "worst": tables.worst_runs_table(context.comparison, context.robot, count=WORST, units=context.units),
     }
 
