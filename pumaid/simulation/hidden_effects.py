@@ -258,7 +258,7 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has
                 "hide-wrong",
                 f"the arm is known by its constants in amperes alone, and {effect.effect} needs its masses",
                 place,
-                "leave out --truth table1",
+                "take an arm with masses",
             )
         is_for_all, before = effect.joint is None and not law.is_of_arm, len(out)
         for joint in usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pumaid.errors import ModelError, Where
 from pumaid.maths import Floats
 from pumaid.robot import Robot
 from pumaid.simulation.hidden_effects import AMBIENT, ArmState, JointState, Kind, acted, values_of
@@ -73,24 +72,11 @@ def specification(truth: Truth, *, step: float = 0.001) -> Any:
     is ``frictionloss``, half the sum of both directions' Coulomb terms; where gears couple joints it is that of tendons
     ``shaft<k>``, while the inertia of rotors stays at their joints. A hidden tilt turns gravity, hidden inertia is the
     motor's; the rest is left to `RigidArm`.
-
-    Raises
-    ------
-    ModelError [physics-wrong]
-        A motor's inertia counts against its gain.
     """
     least = truth.sides * _LEAST_INERTIA * np.maximum(truth.coulomb, 0.1) / accelerations(truth.robot)
     visible = np.where(truth.inertia == 0, least, truth.inertia)
     motors = visible + np.sign(visible) * values_of(truth.hidden, "inertia", "J", n_joints=len(visible))
     armature, dry = motors / truth.gain, truth.coulomb / np.abs(truth.gain)
-    if np.any(armature < 0):
-        j = int(np.argmin(armature)) + 1
-        raise ModelError(
-            "physics-wrong",
-            f"inertia and gain of joint {j} have opposite signs",
-            Where(joint=j),
-            "give both the sign with which the motor counts",
-        )
     light = 1.0 if truth.given_constants is None else _LIGHT
     rounded = light * tensors(truth) + _LEAST * np.eye(3)
     links: list[Attributes] = [

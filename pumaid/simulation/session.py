@@ -66,9 +66,8 @@ def simulate(
 
     Raises
     ------
-    ModelError [plan-misfit], [rate-impossible], [physics-wrong]
-        The plan is for another number of joints or has a speed that is none; the rate is none; a motor's inertia counts
-        against its gain.
+    ModelError [plan-misfit], [rate-impossible]
+        The plan is for another number of joints or has a speed that is none; the rate is none.
     ModelError [simulation-diverged]
         While the logs are read: the controller does not hold this arm.
     """
@@ -223,7 +222,7 @@ class _Session:
                     "simulation-diverged",
                     f"joint {j + 1} ({truth.robot.joint(j + 1).name}) ran away at {time[k]:.3g} s of {origin}",
                     Where(joint=j + 1),
-                    "make smaller what is out of proportion: hidden effects, coupling, or an edited truth",
+                    "make smaller what is out of proportion: hidden effects, or coupling",
                 )
             arm = ArmState(time, self._first, position, velocity, *[np.zeros_like(current)] * 3)
             joints = [JointState(arm, j + 1, 1.0) for j in range(n)]

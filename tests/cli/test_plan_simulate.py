@@ -1,8 +1,6 @@
 """``pumaid plan`` and ``pumaid simulate`` as a user runs them."""
 
 import json
-import warnings
-from pathlib import Path
 
 import pytest
 from command import answer, run
@@ -98,14 +96,6 @@ def test_the_papers_plan_asks_for_attention(folder):
     assert all(f"joint {number} (" in lacks for number in range(1, 7))
 
 
-def test_a_truth_is_simulated_again(ready):
-    """An earlier truth.json, given by --truth, is the same robot: without noise the same logs."""
-    same = ("--noise", "0", "--format", "csv", "--seed", "3")
-    run(*SIMULATE, *same, "-o", "first")
-    run(*SIMULATE, *same, "-o", "second", "--truth", "first/truth.json")
-    assert (ready / "first" / "session_01.csv").read_bytes() == (ready / "second" / "session_01.csv").read_bytes()
-
-
 def test_simulate_writes_logs_and_truth(ready):
     """A file for so many runs, and what the robot was; --force replaces simulated logs and never others."""
     files = answer("simulate --seed 3 --rate 20 --runs-per-file 2")["files"]
@@ -141,15 +131,3 @@ def test_hidden_effects_are_in_the_truth_and_temperatures_in_the_log(ready):
     assert "did you mean spring?" in run("simulate", "--hide", "sprint", "-o", "other", code=3).stderr
     heads = {name: (ready / name / "session_01.csv").read_text().split("\n")[0] for name in options}
     assert ["temp2" in head for head in heads.values()] == [False, True, True]
-
-
-def test_an_edited_truth_of_absurd_size_is_refused(ready):
-    """What numpy says of it is not shown."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        run(*SIMULATE, "--hide", "stribeck@2:a=1e6", "-o", "stuck")
-        truth = json.loads((ready / "stuck" / "truth.json").read_text())
-        truth["mass"][0] = 1e308
-        Path("edited.json").write_text(json.dumps(truth))
-        assert "error[truth-wrong]" in run("simulate", "--truth", "edited.json", code=3).stderr
-    assert not (ready / "logs").exists()

@@ -39,9 +39,7 @@ BAD_INPUT = {
     "plan --format urscript -o p.script": "program-other-robot",
     "plan": "--force",
     "simulate --plan none.yaml": "none.yaml",
-    "simulate --truth recipe.yaml -o new": "file-not-readable",
     "simulate --hide stribeck@2:a=1e308 -o new": "hide-wrong",
-    "simulate --truth table1 -o new": "is it the truth of another robot?",
 }
 MISUSE = {
     **dict.fromkeys(

@@ -317,9 +317,6 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
 @click.option("--plan", "runs", type=options.FILE_OR_PIPE, metavar="FILE", help="The plan; else beside the recipe.")
 @options.output_option("Folder of the logs; else logs/; - prints one CSV.")
 @click.option(
-    "--truth", type=options.FILE, metavar="FILE", help="A truth.json, or table1 (the paper's PUMA); else drawn."
-)
-@click.option(
     "--hide", multiple=True, metavar="EFFECT[@JOINT]", help="An effect that it has: stribeck@3:a=0.2; repeatable."
 )
 @options.effects_option
@@ -340,7 +337,6 @@ def simulate(
     experiment: Experiment,
     runs: Path | None,
     output: Path | None,
-    truth: Path | None,
     hide: tuple[str, ...],
     noise: float | None,
     form: str,
@@ -369,11 +365,10 @@ def simulate(
     if as_json and str(output) == "-":
         raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
     folder = output or experiment.folder / "logs"
-    spare_inputs([folder / write.TRUTH_NAME] if str(folder) != "-" else [], [truth])
     robot = experiment.robot
     read = plan_file.read_plan(runs or experiment.folder / plan_file.PLAN_NAME, robot)
     notes(note for note in read.notes if note.slug == "plan-other-robot")
-    virtual = _virtual_robot(robot, truth, hide=hide, noise=noise, seed=seed)
+    virtual = _virtual_robot(robot, hide=hide, noise=noise, seed=seed)
     logs = session.simulate(robot, read, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
     with progress("simulating", total=read.duration or None) as step:
         files = write.write_session(
@@ -395,16 +390,11 @@ def simulate(
     remark(f"logs and truth.json written to {folder}")
 
 
-def _virtual_robot(robot: Robot, truth: Path | None, *, hide: Sequence[str], noise: float | None, seed: int) -> Truth:
-    """The virtual robot of a truth.json or of the paper, else one that is drawn, with what it hides and its noise."""
-    from pumaid.io.write import read_truth
-    from pumaid.results.truth_file import as_json, from_json
-    from pumaid.simulation import draw, hidden_effects, table1
+def _virtual_robot(robot: Robot, *, hide: Sequence[str], noise: float | None, seed: int) -> Truth:
+    """The virtual robot that is drawn, with what it hides and its noise."""
+    from pumaid.simulation import draw, hidden_effects
 
-    if truth is None:
-        virtual = draw(robot, seed)
-    else:
-        virtual = from_json(as_json(table1.puma560()) if str(truth) == "table1" else read_truth(truth), robot)
+    virtual = draw(robot, seed)
     virtual = virtual.hiding([hidden_effects.parse(text, robot) for text in hide]) if hide else virtual
     if noise is not None and not math.isfinite(noise):
         raise click.BadParameter(f"{noise} is no noise", param_hint="--noise")
