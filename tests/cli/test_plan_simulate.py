@@ -25,12 +25,11 @@ def ready(folder):
 
 
 def test_plan_writes_beside_the_recipe_and_shows_a_table(folder):
-    """The plan's file, what people want to know of it, postures drawn; it stays until --force."""
-    done = run("plan", *SHORT, "--picture", "postures.png")
+    """The plan's file, what people want to know of it; it stays until --force."""
+    done = run("plan", *SHORT)
     assert (folder / "plan.yaml").read_text().splitlines()[3] == "kind: plan"
     assert "Predicted standard errors" in done.stdout and "hip" in done.stdout
     assert "plan written to plan.yaml" in done.stderr
-    assert (folder / "postures.png").is_file()
     (folder / "plan.yaml").write_text("mine")
     assert "--force" in run("plan", code=3).stderr
     assert (folder / "plan.yaml").read_text() == "mine"
@@ -72,13 +71,13 @@ def test_a_looked_at_plan_is_written_where_asked(folder):
     assert "expected_std_errors" in (folder / "plan.yaml").read_text()
 
 
-def test_a_motion_is_planned_drawn_checked_and_executed(folder, monkeypatch):
+def test_a_motion_is_planned_checked_and_executed(folder, monkeypatch):
     """--motion writes a trajectory beside the recipe, which --check finds nothing wrong with and simulate follows."""
     monkeypatch.setattr(motion, "DRAWN", 8)
     monkeypatch.setattr(motion, "TRIED", 8)
-    done = run("plan", "--motion", "picks", "--minutes", "0.6", "--picture", "motion.png")
+    done = run("plan", "--motion", "picks", "--minutes", "0.6")
     assert "picks trajectory" in done.stdout and "highest acceleration" in done.stdout and "rotor" in done.stdout
-    assert "note[plan-compared]: in 0.6 min this picks" in done.stderr and (folder / "motion.png").is_file()
+    assert "note[plan-compared]: in 0.6 min this picks" in done.stderr
     document = answer("plan --check plan.yaml")
     assert document["runs"] == [] and document["trajectory"]["kind"] == "picks"
     assert "--motion plans a trajectory" in run("plan", "--motion", "picks", "--postures", "2", code=2).stderr

@@ -73,7 +73,6 @@ MISUSE = {
     "plan --payload 10": "not 4",
     "plan --speeds fast": "speeds",
     "plan --format gcode": "urscript",
-    "plan --picture postures.gif": ".png",
 }
 
 

@@ -7,18 +7,13 @@ import diagnoses
 import numpy as np
 import pytest
 from ladders import ladder
-from matplotlib.colors import to_rgba
-from matplotlib.patches import Polygon
-from test_reporting_tables import ARM, PLAN, dataset_of
+from test_reporting_tables import dataset_of
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import compare
-from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.reporting.figures import experiment, model
-from pumaid.reporting.figures.style import BACKWARD, FORWARD, INLINE, styled
+from pumaid.reporting.figures.style import INLINE
 from pumaid.reporting.page import ReportContext, all_contents, all_figures
-from pumaid.robot import Box, Safety, Sphere
-from pumaid.trajectory import Motion, Plan, Posture
 
 PUMA = diagnoses.PUMA
 
@@ -119,43 +114,7 @@ def test_before_and_after_have_one_scale():
     assert dashes.count("-") == 2 and dashes.count("--") == 2  # the effect's own lines and its rival's, one a direction
 
 
-# Arm, runs and plans
-
-
-SAFE = replace(
-    ARM, safety=Safety((Box("floor", (-9, -9, -9), (9, 9, -0.1)),), (Sphere(2, (0.1, 0, 0), 0.05),), (0.2, 0, 0))
-)
-
-
-def test_each_posture_has_its_panel():
-    """A panel a posture with joint, range, purpose and parameters; the moving part ends at the tip."""
-    figure = experiment.posture_figure(PLAN, SAFE).figure
-    titles = [axes.get_title() or axes.get_title(loc="left") for axes in figure.axes]
-    first = next(title for title in titles if title.startswith("2A tip"))
-    assert "-57.3 to 57.3 deg, 4 runs" in first and "for gravity.l2.x, gravity.l2.y" in first
-    assert any(title.startswith("1A lift") and "0.1 to 0.4 m, 1 run" in title for title in titles)
-    lines = figure.axes[titles.index(first)].lines
-    moving = next(line for line in lines if line.get_linewidth() > 3 and line.get_color() == FORWARD)
-    tip = experiment.projected(np.array([[0.3 + 0.2, 0.0, 0.1]]))[0]  # joint 2 at 0, the lift at 0.1 m, by hand
-    assert moving.get_xydata()[-1] == pytest.approx(tip, abs=1e-12)
-    boxes = [patch for patch in figure.axes[titles.index(first)].patches if isinstance(patch, Polygon)]
-    assert any(patch.get_facecolor()[:3] == to_rgba(BACKWARD)[:3] for patch in boxes)
-
-
-def test_titles_of_postures_do_not_overlap():
-    """On a robot with long names no two texts cover each other."""
-    robot_ = read_recipe(shipped_recipes()["ur5e"])
-    rng = np.random.default_rng(1)
-    motions = [Motion(j + 1, tuple(rng.uniform(-1, 1, robot_.n_joints)), -0.2, 0.9, 0.3, "fit")
-               for j in range(robot_.n_joints) for _ in range(2)]  # fmt: skip
-    serves = tuple(f"gain_ratio.{k}.{k + 1}" for k in range(1, 6))
-    plan = Plan(robot_.name, tuple(motions), tuple(Posture(m.joint, m.hold, serves, "") for m in motions))
-    figure = experiment.posture_figure(plan, robot_).figure
-    with styled():
-        figure.draw_without_rendering()
-    texts = [text for axes in figure.axes for text in (*axes.texts, axes.title, axes._left_title)]
-    boxes = [text.get_window_extent() for text in (*texts, *figure.texts) if text.get_text()]
-    assert [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)] == []
+# Runs
 
 
 def test_runs_are_drawn_in_the_unit_asked_for():

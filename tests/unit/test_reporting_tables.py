@@ -20,7 +20,6 @@ from pumaid.estimate import Combination
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting import run_tables, tables
 from pumaid.reporting.diagnosis import limit_table
-from pumaid.reporting.figures.experiment import posture_figure
 from pumaid.reporting.run_tables import axes_table, plan_tables, session_table
 from pumaid.reporting.table import Cell, Table
 from pumaid.robot import Joint, Robot
@@ -242,9 +241,8 @@ def test_all_ways_to_a_terminal_are_guarded(capsys):
 
 @pytest.mark.parametrize("name", ["[/] x", "[bold]x", ":smile:", r"$\foo{}$", "$x", r"\$"])
 def test_names_are_not_read_as_markup(name):
-    """Plan, axes and pictures with a robot and a joint of that name."""
+    """Plan and axes with a robot and a joint of that name."""
     robot = Robot(name, (replace(Joint(1, name, "revolute"), limits=(-1.0, 1.0)),))
     plan = Plan(name, (Motion(1, (0.0,), -1.0, 1.0, 0.5),), (Posture(1, (0.0,), (), name),))
     tables = [*plan_tables(plan, robot), axes_table(robot)]
     assert [table.text(200).count(name) for table in tables] == [2, 1, 2]
-    assert posture_figure(plan, robot).file("svg").startswith(b"<?xml")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, notes, progress, remark, say, show, spare_inputs, write_picture, write_result
+from pumaid.cli.output import document, notes, progress, remark, say, show, spare_inputs, write_result
 from pumaid.errors import PumaidError, ResultError, Where, listed, meant
 
 if TYPE_CHECKING:
@@ -207,7 +207,6 @@ EXCLUDES = (
     metavar="FORM",
     help="yaml, csv, urscript or ros2.",
 )
-@options.picture_option
 @options.force_option
 @options.output_option("The plan; - prints. [default: plan.yaml]")
 @options.seed_option
@@ -216,7 +215,6 @@ def plan(
     *,
     recipe: Path | None,
     form: str,
-    picture: Path | None,
     force: bool,
     output: Path | None,
     as_json: bool,
@@ -230,7 +228,7 @@ def plan(
     Example:
       pumaid plan recipe.yaml --minutes 30 --prior results/model.json
       pumaid plan recipe.yaml --motion fourier --minutes 2
-      pumaid plan ur5e --payload 0.5,0.1,0,0 --picture postures.png
+      pumaid plan ur5e --payload 0.5,0.1,0,0
       pumaid plan --check plan.yaml --format urscript -o plan.script
     """
     from pumaid.experiment import Experiment
@@ -250,16 +248,12 @@ def plan(
         path = output or (experiment.folder / PLAN_NAME).with_suffix(suffix)
     read = experiment.files(asked["prior"], given)
     inputs = [file for file in read if file.name != PLAN_NAME or file == given]
-    spare_inputs([path, picture], inputs, new=() if force else (path,))
+    spare_inputs([path], inputs, new=() if force else (path,))
     with progress("planning") as step:
         made = _plan(experiment, options=asked, tell=lambda text: step(0.0, text))
     is_piped = str(path) == "-"
     if path is not None and not is_piped:
         write_result(path, text_of(made, robot), "plan")
-    if picture is not None:
-        from pumaid.reporting.figures.experiment import plan_figure  # waits for matplotlib
-
-        write_picture(picture, plan_figure(made, robot))
     notes(made.notes)
     if as_json:
         document(plan_document(made, robot))

@@ -1,19 +1,16 @@
-"""The experiment: the arm's skeleton, the postures of a plan, and the runs that logs contain."""
+"""The experiment: the arm's skeleton, and the runs that logs contain."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from itertools import cycle, groupby, product
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Polygon
-from scipy.spatial import ConvexHull
+from matplotlib.patches import Patch
 
 from pumaid.dataset import STROKE, Dataset, Reject, Run
-from pumaid.maths import Floats, by_key
+from pumaid.maths import Floats
 from pumaid.reporting.figures.style import (
     BACKWARD,
     FAINT,
@@ -28,25 +25,16 @@ from pumaid.reporting.figures.style import (
     styled,
     zero_line,
 )
-from pumaid.reporting.run_tables import by_reason, posture_key, samples_read
-from pumaid.reporting.text import counted_runs, in_unit, letters, plural, shortened
+from pumaid.reporting.run_tables import by_reason, samples_read
+from pumaid.reporting.text import counted_runs, in_unit, plural
 from pumaid.robot import Robot
-from pumaid.trajectory import Motion, Plan, Trajectory
 
 #: View from the front right and a little above (rad).
 AZIMUTH, ELEVATION = -0.96, 0.38
 
-#: Panels side by side and in all; inch of a panel, and above and below all panels.
-ACROSS, MOST_PANELS, PANEL, MARGIN = 8, 75, (2.3, 2.6), 0.5
 
-#: Shares of the reach: length of a tip without tool, rim around the arm, radius of the base.
-TIP, RIM, BASE = 0.09, 0.12, 0.1
-
-#: Instants of a trajectory that are drawn.
-POINTS = 1500
-
-#: Positions of a joint over its range, of which the middle one is drawn.
-POSITIONS = 41
+#: Radius of the base, as a share of the reach.
+BASE = 0.1
 
 #: Runs of the report's figure; runs in one strip of a figure, and strips.
 MOST_RUNS, RUNS_A_STRIP, MOST_STRIPS = 72, 36, 8
@@ -117,110 +105,6 @@ def _surroundings(axes: Axes, robot: Robot, reach: float) -> None:
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate("", (0.94, 0.84), (x, y), arrowprops=style, zorder=7, **look)
         axes.annotate("g", (0.94, 0.84), (0, 4), ha="center", fontsize=10, style="italic", **look)
-
-
-def plan_figure(plan: Plan, robot: Robot) -> Drawing:
-    """The postures of a plan's runs, or the positions of its trajectory."""
-    return posture_figure(plan, robot) if plan.trajectory is None else trajectory_figure(plan.trajectory, robot)
-
-
-@styled()
-def trajectory_figure(made: Trajectory, robot: Robot) -> Drawing:
-    """Position of every joint over a repeat of a trajectory, its knots as dots."""
-    figure = Figure(figsize=(9.0, 1.2 * robot.n_joints + MARGIN), layout="constrained")
-    time = np.linspace(0.0, made.cycle, POINTS)
-    position = replace(made, repeats=1).at(time)[0]
-    panels = figure.subplots(robot.n_joints, 1, squeeze=False, sharex=True)[:, 0]
-    for joint, axes in zip(robot.joints, panels, strict=True):
-        (scale, unit), j = in_unit(joint.position_unit, "deg"), joint.number - 1
-        axes.plot(time, scale * position[:, j], color=FORWARD)
-        axes.plot(made.time, scale * made.position[:, j], ".", color=INK, markersize=3)
-        axes.set_ylabel(f"{joint.number} {shortened(joint.name, 10)}\n({unit})")
-    panels[-1].set_xlabel("time (s)")
-    title = f"{robot.name}: {plural(made.repeats, 'repeat')} of a trajectory"
-    return Drawing("trajectory", title, "", figure)
-
-
-@styled()
-def posture_figure(plan: Plan, robot: Robot) -> Drawing:
-    """The arm in every posture of a plan: one panel a posture, those of a row at one scale; a row, or more, a joint."""
-    motions = sorted(plan.motions, key=lambda motion: motion.joint)
-    groups = by_key(motions, lambda motion: posture_key(motion.joint, motion.hold))
-    serves = {posture_key(posture.joint, posture.hold): posture.serves for posture in plan.postures}
-    rows = []
-    for _, group in groupby(list(groups)[:MOST_PANELS], key=lambda key: key[0]):
-        named = [(key, letters(k).upper()) for k, key in enumerate(group)]
-        rows += [named[k : k + ACROSS] for k in range(0, len(named), ACROSS)]
-    columns, count = max([3, *(len(row) for row in rows)]), max(len(rows), 1)
-    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * count + 2 * MARGIN), layout="constrained")
-    panels = figure.subplots(count, columns, squeeze=False, sharex="row", sharey="row")
-    for axes in panels.flat:
-        axes.axis("off")
-    for row, row_panels in zip(rows, panels, strict=False):
-        for (key, letter), axes in zip(row, row_panels, strict=False):
-            low, high = _panel(axes, robot, groups[key])
-            joint, runs = robot.joint(key[0]), plural(len(groups[key]), "run")
-            scale, unit = in_unit(joint.position_unit, "deg")
-            span = f"{round(low * scale, 3) + 0.0:.4g} to {round(high * scale, 3) + 0.0:.4g} {unit}"
-            purpose = shortened(f"\nfor {', '.join(serves[key])}", 38) if serves.get(key) else ""
-            axes.set_title(
-                f"{shortened(f'{joint.number}{letter} {joint.name}', 34)}\n{span}, {runs}{purpose}",
-                fontsize=7.5,
-                fontweight="normal",
-            )
-    rest = f", {len(groups) - MOST_PANELS} more not drawn" if len(groups) > MOST_PANELS else ""
-    handles = [
-        Patch(color=INK, label="held"),
-        Patch(color=FORWARD, label="moves (thin: both ends)"),
-        Patch(facecolor=FORWARD, alpha=0.2, label="swept by the tip"),
-    ]
-    if robot.safety and robot.safety.boxes:
-        handles.append(Patch(facecolor=BACKWARD, alpha=0.2, label="forbidden box"))
-    legend(figure, handles, 4, title=f"{robot.name}: {len(groups)} postures, {len(plan.motions)} runs{rest}")
-    return Drawing("postures", f"{robot.name}: postures of the plan", "", figure)
-
-
-def _points(robot: Robot, position: Floats, tip: float) -> Floats:
-    """(2 J + 2, 3) points of the arm, with a bend where a link's `a` ends and its `d` begins; joint n is point 2 n."""
-    origins, rotations = frames(robot, position)
-    points = [origins[0]]
-    for k, joint in enumerate(robot.joints, start=1):
-        points += [origins[k - 1] + joint.a * rotations[k - 1][:, 0], origins[k]]
-    tool = robot.safety.tool if robot.safety and robot.safety.tool is not None else (0.0, 0.0, tip)
-    return np.array([*points, origins[-1] + rotations[-1] @ np.array(tool)])
-
-
-def _panel(axes: Axes, robot: Robot, motions: Sequence[Motion]) -> tuple[float, float]:
-    """The arm with the moving joint amid its range, its ends, what its tip sweeps, and forbidden boxes; the range."""
-    joint, ends = motions[0].joint, [end for motion in motions for end in (motion.start, motion.end)]
-    positions = np.tile(np.array(motions[0].hold, dtype=float), (POSITIONS, 1))
-    positions[:, joint - 1] = np.linspace(min(ends), max(ends), POSITIONS)
-    reach = max(0.1, float(np.ptp(_points(robot, positions[POSITIONS // 2], 0.0), axis=0).max()))
-    arms = np.array([_points(robot, position, TIP * reach) for position in positions])
-    flats, pivot = [projected(points) for points in arms], 2 * joint
-    flat, swept = flats[POSITIONS // 2], np.array([points[-1] for points in flats])
-    look: dict[str, Any] = {"linewidth": 3.4, "solid_joinstyle": "round"}
-    shadow = projected(arms[POSITIONS // 2] * (1.0, 1.0, 0.0))
-    axes.plot(*shadow.T, color=FAINT, linewidth=2.6, solid_joinstyle="round", zorder=1)
-    if robot.joint(joint).is_revolute:
-        axes.add_patch(Polygon(np.vstack([flat[pivot], swept]), facecolor=FORWARD, alpha=0.13, linewidth=0, zorder=3))
-    axes.plot(*swept.T, color=FORWARD, linewidth=1.1, zorder=7)
-    for end in (flats[0], flats[-1]):
-        axes.plot(*end[pivot:].T, color=FORWARD, linewidth=1.5, alpha=0.4, zorder=4)
-    axes.plot(*flat[: pivot + 1].T, color=INK, zorder=5, **look)
-    axes.plot(*flat[pivot:].T, color=FORWARD, zorder=6, **look)
-    axes.plot(*flat[pivot], "o", color="white", markeredgecolor=FORWARD, markersize=6.5, zorder=8)
-    _surroundings(axes, robot, reach)
-    space = arms.reshape(-1, 3)
-    for box in robot.safety.boxes if robot.safety else ():
-        low = np.maximum(box.low, space.min(axis=0) - RIM * reach)
-        high = np.minimum(box.high, space.max(axis=0) + RIM * reach)
-        if (low < high).all():
-            corners = projected(np.array(list(product(*zip(low, high, strict=True)))))
-            axes.add_patch(
-                Polygon(corners[ConvexHull(corners).vertices], color=BACKWARD, alpha=0.14, linewidth=0.6, zorder=0)
-            )
-    return min(ends), max(ends)
 
 
 # Runs
