@@ -114,8 +114,6 @@ class Plan:
     unseen: dict[str, str] = field(default_factory=dict)  # parameter -> why no run of this plan shows it
     duration: float = 0.0  # s, moves between the runs included
     seed: int = 0
-    # Predicted error of the best conceivable experiment of as much time as a share of this plan's (0..1), if computed.
-    efficiency: float | None = None
     assumptions: tuple[str, ...] = ()  # on which the forecast rests
     notes: tuple[Note, ...] = ()
     trajectory: Trajectory | None = None  # instead of motions

@@ -10,14 +10,12 @@ from pumaid.design.collision import Collision
 from pumaid.design.information import (
     CandidateInformation,
     Prior,
-    absent_names,
     candidate_information,
-    gravity_names,
     prior_robots,
+    shown_names,
 )
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.model import minimal
 from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan
 
@@ -34,12 +32,6 @@ def prior(name: str, seed: int = 1) -> Prior:
     return prior_robots(arm(name), seed=seed)
 
 
-def names(robot: Robot) -> tuple[str, ...]:
-    """Gravity parameters and ratios that an arm has."""
-    absent = absent_names(minimal(robot))
-    return tuple(name for name in gravity_names(robot) if name not in absent)
-
-
 @cache
 def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.4, 1.0)) -> CandidateInformation:
     """Candidates of a shipped arm in a few random postures, for two drawn robots."""
@@ -48,7 +40,7 @@ def small_set(name: str, *, count: int = 4, shares: tuple[float, ...] = (0.1, 0.
         holds = postures(robot, joint, count=count, rng=rng)[-count:]
         ways = sweeps(robot, joint, speeds(robot, joint, shares))
         blocks += free_blocks(Collision(robot), holds, ways)
-    return candidate_information(prior(name).robots[:2], blocks, names=names(robot))
+    return candidate_information(prior(name).robots[:2], blocks, names=shown_names(robot))
 
 
 def write_short_plan(path: Path) -> None:

@@ -1,6 +1,6 @@
 """Optimal design: what is assumed of an arm before it is measured (random robots of its geometry or an earlier model,
 and a payload), the Fisher information of runs that are not made yet, the standard errors that it promises (Cramer-Rao
-bound), and which runs make these smallest: the continuous optimum as the bound, and the greedy exchange algorithm.
+bound), and which runs make these smallest: the continuous optimum, and the greedy exchange algorithm.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from pumaid.effects import Samples
 from pumaid.errors import ModelError
 from pumaid.estimate import NOT_IDENTIFIABLE, Estimate
 from pumaid.maths import Bilinear, Counts, Flags, Floats, Gains
-from pumaid.model import Model, Structure, gravity_links
+from pumaid.model import Model, gravity_links, minimal
 from pumaid.robot import Payload, Robot
 from pumaid.simulation import BREAKAWAY, Constants, Friction, Links, Noise, Truth, constants, draw
 from pumaid.trajectory import Motion, Plan, cruise, duration
@@ -152,9 +152,16 @@ def gravity_names(robot: Robot) -> tuple[str, ...]:
     return (*gravity_links(robot), *(f"gain_ratio.{i}.{i + 1}" for i in range(1, robot.n_joints)))
 
 
-def absent_names(structure: Structure) -> dict[str, str]:
+def absent_names(robot: Robot) -> dict[str, str]:
     """Name -> why no run on this arm can show it."""
+    structure = minimal(robot)
     return {**structure.absent, **{f"gain_ratio.{i}.{j}": why for (i, j), why in structure.redundant.items()}}
+
+
+def shown_names(robot: Robot) -> tuple[str, ...]:
+    """Those that some run on this arm can show."""
+    absent = absent_names(robot)
+    return tuple(name for name in gravity_names(robot) if name not in absent)
 
 
 def parameter_names(robot: Robot, names: Sequence[str]) -> tuple[str, ...]:
@@ -389,14 +396,12 @@ def _inverse(information: Floats) -> Floats:
 class ContinuousDesign:
     """The optimum if candidates could be made in fractions: `total` s shared out by the multiplicative algorithm.
 
-    `counts` (L,) are how often each candidate is made, `bound` is the value of the criterion below which no plan of
-    these candidates gets in this time, and `worth` (L,), 0 to 1, what one second more of each candidate would bring, as
-    a share of the best.
+    `counts` (L,) are how often each candidate is made, and `worth` (L,), 0 to 1, what one second more of each candidate
+    would bring, as a share of the best.
 
     Source
     ------
-    S. D. Silvey, D. M. Titterington and B. Torsney, Communications in Statistics A 7 (1978) 1379-1389; the bound is
-    that of a convex function by its slopes.
+    S. D. Silvey, D. M. Titterington and B. Torsney, Communications in Statistics A 7 (1978) 1379-1389.
     """
 
     def __init__(self, candidates: CandidateInformation, criterion: Criterion, total: float) -> None:
@@ -417,7 +422,6 @@ class ContinuousDesign:
         self.counts[active] = counts
         information = candidates.information(self.counts)
         rate = candidates.products(criterion.slope(information)) / candidates.seconds
-        self.bound = float(criterion.value(information)) - 0.5 * (float(rate.max()) * total - 1.0)
         self.worth = rate / float(rate.max())
 
 

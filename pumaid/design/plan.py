@@ -33,16 +33,15 @@ from pumaid.design.information import (
     Prior,
     absent_names,
     candidate_information,
-    gravity_names,
     parameter_names,
     predicted_errors,
     prior_robots,
     rounded,
+    shown_names,
 )
 from pumaid.errors import ModelError, Note, Where, refuse
 from pumaid.estimate import Estimate
 from pumaid.maths import Counts
-from pumaid.model import minimal
 from pumaid.preprocessing.binning import DEFAULTS
 from pumaid.robot import Payload, Robot
 from pumaid.trajectory import MOVE_SHARE, RAMP_TIME, Plan, Posture, duration, highest_speeds, span, trapezoids
@@ -116,8 +115,7 @@ class Planner:
     ) -> None:
         self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
         self.seconds, self.shares, self.postures, self.passes = seconds, shares, postures, passes
-        self.absent, self.collision = absent_names(minimal(robot)), Collision(robot, spare=TOLERANCE)
-        self.names = tuple(name for name in gravity_names(robot) if name not in self.absent)
+        self.names, self.collision = shown_names(robot), Collision(robot, spare=TOLERANCE)
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
         shares = sorted(shares or SHARES)
@@ -183,11 +181,11 @@ class Planner:
             if needed <= coverage.share * budget:
                 break
         best: Plan | None = None
-        allowed = budget
+        lowest, allowed = math.inf, budget
         for _ in range(_FITTINGS):
-            made = self._chosen(required, coverage, optimum, allowed=allowed)
-            if made.duration <= budget and (best is None or (made.efficiency or 0.0) > (best.efficiency or 0.0)):
-                best = made
+            made, value = self._chosen(required, coverage, optimum, allowed=allowed)
+            if made.duration <= budget and value < lowest:
+                best, lowest = made, value
             if _FULL * budget <= made.duration <= budget:
                 break
             allowed += 0.99 * budget - made.duration
@@ -199,15 +197,6 @@ class Planner:
             f" {math.ceil(needed / 6.0) / 10.0:g} minutes",
             mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or fewer postures, replicates or faster speeds",
         )
-
-    def efficiency(self, promised: dict[str, float], seconds: float) -> float | None:
-        """Best conceivable error in some s as a share of promised errors; None where a parameter is not shown."""
-        bound = self._optimum(seconds).bound if seconds > 0.0 else 0.0
-        counted = np.array(self.candidates.names)[self.criterion.counted].tolist()
-        if any(name not in promised for name in counted):
-            return None
-        errors = np.log([promised[name] for name in counted]) - np.log(self.sizes[self.criterion.counted])
-        return float(np.exp(bound - errors.mean()))
 
     def _free(self, joint: int, shares: Sequence[float], rng: np.random.Generator) -> list[list[Block]]:
         """Candidates of a joint in each of many postures in which it can run."""
@@ -295,8 +284,10 @@ class Planner:
                 chosen.append(tours[place % len(tours)])
             yield chosen
 
-    def _chosen(self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float) -> Plan:
-        """Runs chosen on top of the coverage for `allowed` s, in order."""
+    def _chosen(
+        self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float
+    ) -> tuple[Plan, float]:
+        """Runs chosen on top of the coverage for `allowed` s, in order, and the criterion's value."""
         passes, rounds = coverage.passes, coverage.rounds
         pool = np.flatnonzero((optimum.worth > _WORTH) | (required > 0))
         part = self.candidates.only(pool)
@@ -325,9 +316,7 @@ class Planner:
             orders.append(blocks)
         motions = schedule(self.robot, orders, collision=self.collision, rng=np.random.default_rng([self.seed, 4]))
         bare = Plan(self.robot.name, motions, tuple(self._reasons(table, counts)), seed=self.seed)
-        return replace(
-            bare, duration=duration(self.robot, bare), efficiency=math.exp(optimum.bound - exchange.value(counts))
-        )
+        return replace(bare, duration=duration(self.robot, bare)), exchange.value(counts)
 
     def _reasons(self, candidates: CandidateInformation, counts: Counts) -> Iterator[Posture]:
         """Every posture of a plan with the parameters that it serves; those for judging come last of each joint."""
@@ -415,7 +404,7 @@ def plan(
         tell=tell,
     )
     made = planner.plan()
-    return _with_forecast(made, planner, lack_notes(robot, made))
+    return _with_forecast(made, planner.prior, lack_notes(robot, made))
 
 
 def check_plan(
@@ -431,30 +420,27 @@ def check_plan(
 
     Other parameters are those of `plan`.
     """
-    planner = Planner(
-        robot,
-        seconds=duration(robot, given),
-        prior=prior_robots(robot, estimate=prior, payload=payload, seed=seed),
-        seed=seed,
-        tell=tell,
-    )
-    checked = _with_forecast(given, planner, [*collision_notes(robot, given), *lack_notes(robot, given)])
-    notes = checked.notes
-    if dark := [name for name in checked.unseen if name not in planner.absent]:
+    tell("looking at the runs")
+    assumed = prior_robots(robot, estimate=prior, payload=payload, seed=seed)
+    checked = _with_forecast(given, assumed, [*collision_notes(robot, given), *lack_notes(robot, given)])
+    notes, absent = checked.notes, absent_names(robot)
+    if dark := [name for name in checked.unseen if name not in absent]:
         text = (
             f"no run of this plan shows {', '.join(dark)}; add postures in which the outer links' load differs, or"
             " other speeds; compare with: pumaid plan"
         )
         notes = (*notes, Note("plan-dark", text))
-    return replace(checked, efficiency=planner.efficiency(checked.expected, checked.duration), notes=notes)
+    return replace(checked, notes=notes)
 
 
-def _with_forecast(bare: Plan, planner: Planner, notes: Iterable[Note]) -> Plan:
+def _with_forecast(bare: Plan, prior: Prior, notes: Iterable[Note]) -> Plan:
     """A plan of runs with its forecast."""
-    promised, arm = predicted_errors(planner.prior.robots, bare.motions, planner.names), planner.robot
+    arm = prior.robots[0].robot
+    names = shown_names(arm)
+    promised = predicted_errors(prior.robots, bare.motions, names)
     noted = replace(bare, notes=(*notes, *unusable_notes(arm, bare)), assumptions=())
-    unseen = dict.fromkeys(parameter_names(arm, planner.names), "no run of this plan shows it")
-    return with_forecast(noted, planner.prior, promised, unseen=unseen, absent=planner.absent)
+    unseen = dict.fromkeys(parameter_names(arm, names), "no run of this plan shows it")
+    return with_forecast(noted, prior, promised, unseen=unseen, absent=absent_names(arm))
 
 
 def with_forecast(

@@ -68,7 +68,7 @@ end
 _RUNS = [
     "# Runs to be executed in this order. One joint moves from `from` to `to` at speed `velocity` (in deg/s, or",
     "# m/s if it slides); the others stay at `hold` (its own entry is ignored). expected_std_errors are in SI,",
-    "# duration in s; efficiency is the error of the best conceivable runs in this time, as a share of these'.",
+    "# duration in s.",
 ]
 _KNOTS = [
     "# A trajectory of all joints (deg, or m of those that slide, and s) that is executed `repeats` times. Between its",
@@ -330,7 +330,6 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
         return "".join(",".join(row) + "\n" for row in rows)
     entries |= {
         "duration": round(plan.duration, 1),
-        "efficiency": None if plan.efficiency is None else round(plan.efficiency, 3),
         "expected_std_errors": {name: float(f"{value:.3g}") for name, value in plan.expected.items()},
         "notes": [{"note": note.slug, "text": note.text} for note in plan.notes],
     }
@@ -366,7 +365,6 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         "units": {"angle": angle},
         "seed": plan.seed,
         "duration": plan.duration,
-        "efficiency": plan.efficiency,
         "runs": runs,
         "trajectory": None if plan.trajectory is None else _trajectory_document(plan.trajectory, scales),
         "postures": [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures],

@@ -165,13 +165,7 @@ def posture_key(joint: int, hold: Sequence[float]) -> tuple[int, tuple[float, ..
 
 def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
     """What a plan does by joint, its postures, and the standard errors that it predicts."""
-    lines = []
-    if plan.efficiency is not None:
-        lines.append(
-            f"Predicted standard errors are on average {number(1.0 / plan.efficiency, 3)} times those of the best"
-            " conceivable runs in this time (without moves between postures, repeats or held-out runs)."
-        )
-    lines += [
+    lines = [
         *(f"Not identifiable: {name}: {reason.rstrip('.')}." for name, reason in plan.unseen.items()),
         *(f"Assumed: {sentence.rstrip('.')}." for sentence in plan.assumptions),
     ]

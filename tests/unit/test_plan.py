@@ -70,7 +70,7 @@ def texts(found: Plan, slug: str) -> list[str]:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_everything_the_arm_has_is_promised(name):
-    """Each parameter has an expected error, near a bound that no such experiment beats, or a reason why it has none."""
+    """Each parameter has an expected error, or a reason why it has none."""
     found, structure, n = planned(name), minimal(arm(name)), arm(name).n_joints
     assert set(found.unseen) == set(structure.absent) | {f"gain_ratio.{i}.{j}" for i, j in structure.redundant}
     friction = {
@@ -79,7 +79,6 @@ def test_everything_the_arm_has_is_promised(name):
     assert friction | {f"gain_ratio.{k}.{k + 1}" for k in range(1, n)} <= set(found.expected) | set(found.unseen)
     assert not set(found.expected) & set(found.unseen)
     assert all(0.0 < error < 1.0 for error in found.expected.values())
-    assert name == "stanford" or 0.75 < found.efficiency <= 1.0
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -217,7 +216,9 @@ def test_the_papers_plan_lacks_what_diagnosis_needs():
         assert "of 4 postures" in note.text and "made twice" in note.text and "kept for judging" in note.text
         assert "speeds" not in note.text
     assert texts(papers(), "plan-needs-tilt") and "plan-lacks" in ATTENTION
-    assert 0.1 < papers().efficiency < 0.7
+    better = plan(arm("puma560"), minutes=papers().duration / 60.0, seed=1).expected
+    logs = [np.log(better[name] / error) for name, error in papers().expected.items()]
+    assert np.exp(np.mean(logs)) < 0.7
 
 
 def test_the_planners_plan_is_as_promised():
@@ -226,7 +227,6 @@ def test_the_planners_plan_is_as_promised():
     found = check_plan(PENDULUM, replace(wanted, expected={}, unseen={}, notes=()), seed=1)
     assert (found.expected, found.unseen, found.duration) == (wanted.expected, wanted.unseen, wanted.duration)
     assert found.assumptions == wanted.assumptions
-    assert found.efficiency == pytest.approx(wanted.efficiency, abs=0.02)
     assert not {note.slug for note in found.notes} & set(ATTENTION)
 
 
@@ -238,7 +238,6 @@ def test_a_joint_that_never_runs_is_told_with_all_it_hides():
     assert friction | {"gravity.l2.x", "gravity.l2.y", "gain_ratio.1.2"} == set(found.unseen)
     assert all(name in texts(found, "plan-dark")[0] for name in found.unseen)
     assert texts(found, "plan-lacks") == ["joint 2 (knee): it never runs"]
-    assert found.efficiency is None
 
 
 def test_runs_and_moves_that_strike_are_named():
