@@ -113,17 +113,16 @@ class Arm:
         logs: Logs | None = None,
         *,
         add: Iterable[str] = (),
-        remove: Iterable[str] = (),
         recursive: bool = False,
         **options: Any,
     ) -> Identified:
         """Identify the arm from logs, by default the folder's; nothing is written (see `Identified.save`).
 
-        `add` and `remove` take effects as on the command line (``"stribeck@3"``), `recursive` stops after the n-to-1
-        recursion, `options` are `heldout` and `trust` as of `dataset`.
+        `add` takes effects as on the command line (``"stribeck@3"``), `recursive` stops after the n-to-1 recursion,
+        `options` are `heldout` and `trust` as of `dataset`.
         """
         experiment = self._experiment(logs, **options)
-        effects = chosen_by(experiment.robot, add=add, remove=remove)
+        effects = chosen_by(experiment.robot, add)
         dataset = experiment.dataset()
         estimate = fitting.identify(dataset, experiment.robot, effects=effects, recursive=recursive)
         return Identified(estimate, experiment.robot, dataset, arm=self)

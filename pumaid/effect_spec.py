@@ -10,7 +10,7 @@ from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.maths import Floats
-from pumaid.robot import ALL, SHAPE_WORDS, EffectChoice, Robot, read_choice, worded
+from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot, read_choice, worded
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
@@ -204,24 +204,12 @@ def option_text(name: str, joint: int | None, shape: Mapping[str, float], *, fix
     return name + ("" if joint is None else f"@{joint}") + (f":{values}" if values else "")
 
 
-def chosen_by(robot: Robot, *, add: Iterable[str] = (), remove: Iterable[str] = ()) -> tuple[EffectChoice, ...]:
-    """The recipe's effects without those that `remove` names and with those that `add` does, one joint each.
+def chosen_by(robot: Robot, add: Iterable[str] = ()) -> tuple[EffectChoice, ...]:
+    """The recipe's effects and those that `add` names, as `read_choice` reads it, one joint each.
 
-    `add` is as `read_choice` reads it; `remove` is ``EFFECT``, ``EFFECT@JOINT`` or ``all``. Raises ModelError
-    (effect-not-there, or one of `expanded`) where a choice is wrong, cannot act there, is in the model already, or
-    cannot be taken out.
+    Raises ModelError (as `expanded`) where a choice is wrong, cannot act there, or is in the model already.
     """
-    choices = expanded(robot.effects, robot)
-    for text in remove:
-        named, before = read_choice(text, robot, "--remove"), choices
-        choices = tuple(c for c in before if c.effect != named.effect or named.joint not in (None, c.joint))
-        if text.strip() == ALL:
-            choices = ()
-        elif len(choices) == len(before):
-            there = ", ".join(option_text(other.effect, other.joint, {}) for other in choices) or "none"
-            what, where = f"the model would not have {text} anyway", Where(field=f"--remove {text}")
-            raise ModelError("effect-not-there", what, where, f"the recipe switches on: {there}")
-    return expanded([*choices, *(read_choice(text, robot, "--add") for text in add)], robot, option="--add")
+    return expanded([*robot.effects, *(read_choice(text, robot, "--add") for text in add)], robot, option="--add")
 
 
 def expanded(choices: Sequence[EffectChoice], robot: Robot, *, option: str = "effect") -> tuple[EffectChoice, ...]:

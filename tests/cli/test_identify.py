@@ -105,15 +105,6 @@ def test_add_fits_an_effect_with_all_the_rest(arm):
     assert rmse == pytest.approx([joint["rmse"] for joint in document["joints"]], rel=1e-5)
 
 
-def test_recipe_effects_can_be_left_out(arm):
-    """``--remove`` takes out what the recipe switches on; the recipe, and so the model's recipe, is the same."""
-    with (arm / "recipe.yaml").open("a", encoding="utf-8") as recipe:
-        recipe.write("\neffects:\n  - {effect: spring, joint: knee}\n")
-    whole, less = (answer(f"identify logs {more}") for more in ("", "--remove spring@2"))
-    assert [effect["effect"] for effect in whole["effects"]] == ["spring"] and less["effects"] == []
-    assert whole["recipe"] == less["recipe"]
-
-
 def test_a_second_command_does_not_read_the_logs(arm, monkeypatch):
     """The same model is made of the dataset that the first command wrote; without that file the logs are read."""
     Path("results/dataset.npz").unlink()

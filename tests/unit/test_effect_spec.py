@@ -16,10 +16,10 @@ from pumaid.simulation import table1
 PUMA = table1.puma560().robot
 
 
-def refusal(*, add=(), remove=(), robot=PUMA) -> ModelError:
+def refusal(*, add=(), robot=PUMA) -> ModelError:
     """What a choice is refused with."""
     with pytest.raises(ModelError) as told:
-        chosen_by(robot, add=add, remove=remove)
+        chosen_by(robot, add=add)
     return told.value
 
 
@@ -73,17 +73,6 @@ def test_what_is_in_the_model_is_not_added_again():
     assert refusal(add=["stribeck@3", "stribeck@3"]).slug == "effect-twice"
     assert refusal(add=["ripple@3:frequency=30", "ripple@3:frequency=30"]).slug == "effect-twice"
     assert len(chosen_by(PUMA, add=["ripple@3:frequency=30", "ripple@3:frequency=60"])) == 2
-
-
-def test_remove_takes_out_what_the_recipe_switches_on():
-    """By name, by name and joint, or all; what is not there is refused with what is."""
-    robot = replace(PUMA, effects=(EffectChoice("stribeck", 3), EffectChoice("spring", 2), EffectChoice("spring", 3)))
-    left = [(one.effect, one.joint) for one in chosen_by(robot, remove=["spring@3"])]
-    assert left == [("stribeck", 3), ("spring", 2)]
-    assert [one.effect for one in chosen_by(robot, remove=["spring"])] == ["stribeck"]
-    assert chosen_by(robot, remove=["all"]) == ()
-    told = refusal(remove=["tilt"], robot=robot)
-    assert told.slug == "effect-not-there" and "stribeck@3, spring@2, spring@3" in str(told)
 
 
 @pytest.mark.parametrize(

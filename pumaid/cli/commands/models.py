@@ -75,7 +75,6 @@ def segment(
     metavar="EFFECT[@JOINT]",
     help="Physics to add, as stribeck@3; repeatable.",
 )
-@click.option("--remove", multiple=True, metavar="EFFECT[@JOINT]", help="An effect to leave out, or all; repeatable.")
 @options.effects_option
 @click.option("--recursive", is_flag=True, help="Stop after the n-to-1 recursion.")
 @options.output_option("The model; else results/model.json; - prints it.")
@@ -93,7 +92,6 @@ def identify(
     *,
     experiment: Experiment,
     add: tuple[str, ...],
-    remove: tuple[str, ...],
     recursive: bool,
     output: Path | None,
     motion: str,
@@ -122,7 +120,7 @@ def identify(
 
     spare_inputs([output], experiment.files() if output else [])
     robot = experiment.robot
-    effects = chosen_by(robot, add=add, remove=remove)
+    effects = chosen_by(robot, add)
     dataset = experiment.dataset()
     if motion == CONSTANT:
         dataset = replace(dataset, runs=tuple(run for run in dataset.runs if run.kind == CONSTANT))
