@@ -88,11 +88,12 @@ def bounds(low: float | None, high: float | None) -> str:
 
 
 def merged(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Parameters or shapes; those that a revolute and a prismatic joint have alike stand once, of ``any``."""
+    """Parameters or shapes; those that a revolute and a prismatic joint have alike but for the unit stand once."""
     alike: dict[str, dict[str, Any]] = {}
     for item in items:
-        key = repr({name: value for name, value in item.items() if name != "owner"})
-        alike[key] = item | ({"owner": "any"} if key in alike else {})
+        key = repr({name: value for name, value in item.items() if name not in ("owner", "unit")})
+        units = [alike[key]["unit"], item["unit"]] if key in alike else [item["unit"]]
+        alike[key] = item | {"unit": " or ".join(dict.fromkeys(units))} | ({"owner": "any"} if key in alike else {})
     return list(alike.values())
 
 
