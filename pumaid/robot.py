@@ -141,7 +141,7 @@ class EffectChoice:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A block along the base's axes that the tip and every sphere stay out of: lowest and highest corner, m."""
+    """A block along the base's axes that the tip and every capsule stay out of: lowest and highest corner, m."""
 
     name: str
     low: Point
@@ -149,17 +149,11 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True)
-class Sphere:
-    """A ball fixed to a link: `link` 0 is the base, 1..J what each joint moves; `centre` in the link's frame, m."""
-
-    link: int
-    centre: Point
-    radius: float
-
-
-@dataclass(frozen=True, slots=True)
 class Capsule:
-    """A rod with round ends fixed to a link, `start` and `end` of its axis in the link's frame, m."""
+    """A rod with round ends fixed to a link (0: the base, 1..J what each joint moves).
+
+    `start` and `end` of its axis are in the link's frame, m; where they are one point it is a ball.
+    """
 
     link: int
     start: Point
@@ -172,13 +166,12 @@ class Safety:
     """The block `safety` of a recipe: forbidden space and the arm's own extent."""
 
     boxes: tuple[Box, ...] = ()
-    spheres: tuple[Sphere, ...] = ()  # shapes of neighbouring links are never held against each other
     tool: Point | None = None  # m, the tip in the last link's frame; None: its origin, held against what stands only
     margin: float = 0.02  # m that must be left
     ignore: tuple[tuple[int, int], ...] = ()  # pairs of links whose shapes are not held against each other
     floor: float | None = None  # m above the base's origin, against gravity, below which nothing may come
     links: tuple[tuple[int, float], ...] = ()  # link and radius (m) of capsules that follow from the joints' frames
-    capsules: tuple[Capsule, ...] = ()
+    capsules: tuple[Capsule, ...] = ()  # those of neighbouring links are never held against each other
 
 
 #: A known load that the last link carries: kg, and where its centre of mass is in that link's frame, m.

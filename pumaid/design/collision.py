@@ -7,7 +7,7 @@ import numpy as np
 
 from pumaid.errors import RecipeError, Where, refuse
 from pumaid.maths import Counts, Floats
-from pumaid.robot import Capsule, Robot, Safety, Sphere
+from pumaid.robot import Capsule, Robot, Safety
 from pumaid.simulation.mujoco_engine import chain, engine
 from pumaid.trajectory import in_words
 
@@ -15,8 +15,8 @@ from pumaid.trajectory import in_words
 TOLERANCE = 1e-3
 #: m beyond which a distance need not be known.
 _FAR = 10.0
-#: m, radius that stands for the tip.
-_POINT = 1e-6
+#: The tip, and the radius (m) that stands for it.
+_TIP, _POINT = "the tip", 1e-6
 #: Positions of a path that are looked ahead; share of a straight one after which a pair is looked at with others.
 _AHEAD, _SOON = 48, 0.005
 #: Random postures: a pair that touches in all of them is a fault of the recipe.
@@ -32,7 +32,6 @@ class Geometry(NamedTuple):
     link: int  # 0 for the base
     extent: float = 0.0  # m from the link's origin to its farthest point
     stands: bool = False  # a box or the floor
-    is_capsule: bool = False
 
 
 class Collision:
@@ -78,7 +77,7 @@ class Collision:
             *(f"the box '{box.name}'" for box in safety.boxes),
             *(["the arm itself"] if any(not inner.stands for _, inner in self._pairs) else []),
         ]
-        named = sorted({outer.link for outer, _ in self._pairs if outer.label != "the tip"})
+        named = sorted({outer.link for outer, _ in self._pairs if outer.label != _TIP})
         shapes = f"The tip{' and links ' + ', '.join(map(str, named)) if named else ''}"
         touching = ", ".join(dict.fromkeys(self.touching))
         without = f" Parts that touch in every posture are not held against each other: {touching}." * bool(touching)
@@ -193,18 +192,14 @@ class Collision:
         for pair in np.flatnonzero(touches):
             outer, inner = self._pairs[pair]
             # Links of a wrist overlap, and the first link turns on what the base stands on: no motion changes that.
-            if (outer.link == 1 and outer.is_capsule) if inner.stands else (outer.is_capsule or inner.is_capsule):
+            if not inner.stands or (outer.link == 1 and outer.label != _TIP):
                 self.touching.append(f"{outer.label} and {inner.label}")
                 continue
             what = (
                 f"{outer.label} is nearer to {inner.label} than the margin of {1e3 * margin:.0f} mm in all of {_DRAWN}"
                 " random postures within the limits, so no posture is allowed"
             )
-            mend = f"make the spheres smaller, or add {[inner.link, outer.link]} to safety.ignore"
-            if inner.stands:
-                mend = (
-                    "make the box smaller, or lower safety.floor; what does not move belongs to link 0, which may touch"
-                )
+            mend = "make the box smaller, or lower safety.floor; what does not move belongs to link 0, which may touch"
             faults.append(RecipeError("safety-always-touching", what, Where(file=self.robot.origin or None), mend))
         refuse(faults)
         free = np.flatnonzero(~touches).tolist()
@@ -215,16 +210,14 @@ class Collision:
 def _shapes(robot: Robot, safety: Safety) -> Iterator[tuple[Geometry, dict[str, Any]]]:
     """Every shape of a recipe, with its attributes in MuJoCo; the tip is the first."""
     kinds, last = engine().mjtGeom, robot.n_joints
-    for number, ball in enumerate([Sphere(last, safety.tool or (0.0, 0.0, 0.0), _POINT), *safety.spheres]):
-        label = f"sphere {number} of {_link(ball.link)}" if number else "the tip"
-        extent = float(np.linalg.norm(ball.centre)) + ball.radius
-        yield Geometry(label, ball.link, extent), {"pos": ball.centre, "size": [ball.radius, 0, 0]}
+    tip = safety.tool or (0.0, 0.0, 0.0)
+    yield Geometry(_TIP, last, float(np.linalg.norm(tip)) + _POINT), {"pos": tip, "size": [_POINT, 0, 0]}
     for rod in (*safety.capsules, *link_capsules(robot, safety)):
         extent = max(float(np.linalg.norm(end)) for end in (rod.start, rod.end)) + rod.radius
         where = {"type": kinds.mjGEOM_CAPSULE, "fromto": [*rod.start, *rod.end]}
         if np.allclose(rod.start, rod.end, rtol=0.0, atol=_POINT):
             where = {"pos": rod.start}
-        yield Geometry(_link(rod.link), rod.link, extent, is_capsule=True), {**where, "size": [rod.radius, 0, 0]}
+        yield Geometry(_link(rod.link), rod.link, extent), {**where, "size": [rod.radius, 0, 0]}
     for box in safety.boxes:
         low, high = np.array(box.low), np.array(box.high)
         size = {"type": kinds.mjGEOM_BOX, "pos": (low + high) / 2, "size": (high - low) / 2}

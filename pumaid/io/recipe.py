@@ -41,7 +41,6 @@ from pumaid.robot import (
     Point,
     Robot,
     Safety,
-    Sphere,
     numbered,
     placement,
     turn_of_z,
@@ -221,14 +220,6 @@ Inside = check(
 )
 
 
-class SphereForm(StrictForm):
-    """One entry of `safety.spheres`."""
-
-    link: Link = like("the link that carries the sphere; 0 is the base")
-    centre: Triple = like("[x, y, z]   (m, not mm, in the link's frame)")
-    radius: Radius = like(_METRES)
-
-
 class CapsuleForm(StrictForm):
     """One entry of `safety.capsules`."""
 
@@ -250,7 +241,6 @@ class SafetyForm(StrictForm):
     boxes: list[Annotated[BoxForm, Inside]] = like(
         "[{name: table, min: [-1, -1, -1], max: [1, 1, 0]}]", default=[], max_length=100
     )
-    spheres: list[SphereForm] = like("[{link: 3, centre: [0.2, 0, 0], radius: 0.08}]", default=[], max_length=200)
     margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
     ignore: list[Annotated[tuple[Link, Link], AS_LIST]] = like("[[4, 6]], pairs of links", default=[])
 
@@ -405,7 +395,6 @@ def _safety(form: SafetyForm, turns: Sequence[Floats]) -> Safety | None:
         return None
     return Safety(
         tuple(Box(box.name or f"box {k}", box.min, box.max) for k, box in enumerate(form.boxes, start=1)),
-        tuple(Sphere(ball.link, _placed(ball.centre, turns[ball.link]), ball.radius) for ball in form.spheres),
         _placed(form.tool or (0.0, 0.0, 0.0), turns[-1]) if form.tool or turns[-1][:3, 3].any() else None,
         form.margin,
         tuple((min(pair), max(pair)) for pair in form.ignore),

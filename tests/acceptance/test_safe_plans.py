@@ -12,7 +12,7 @@ SAFETY = """
 safety:
   tool: [0.3, 0, 0]
   boxes: [{name: ceiling, min: [-1, -1, 0.4], max: [1, 1, 0.5]}]
-  spheres: [{link: 2, centre: [0.15, 0, 0], radius: 0.03}]
+  capsules: [{link: 2, start: [0.15, 0, 0], end: [0.15, 0, 0], radius: 0.03}]
 """
 
 

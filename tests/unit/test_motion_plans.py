@@ -25,7 +25,7 @@ from pumaid.trajectory import Plan, Trajectory, accelerations, highest_speeds
 
 PENDULUM = arm("pendulum2")
 #: Where the tip comes by when the hip stands half a radian from straight down.
-POST = Safety((Box("post", (0.3, -0.1, -0.7), (0.4, 0.1, -0.55)),), (), (0.4, 0.0, 0.0), 0.01)
+POST = Safety((Box("post", (0.3, -0.1, -0.7), (0.4, 0.1, -0.55)),), (0.4, 0.0, 0.0), 0.01)
 
 
 @cache

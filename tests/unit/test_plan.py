@@ -28,14 +28,14 @@ from pumaid.estimation.gls import fit_with_replicates, refit
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model, minimal
-from pumaid.robot import Box, Joint, Robot, Safety, Sphere
+from pumaid.robot import Box, Capsule, Joint, Robot, Safety
 from pumaid.simulation import Bench, Hidden, draw, table1
 from pumaid.trajectory import Motion, Plan
 
 ARMS = ("puma560", "stanford", "pendulum2")
 PENDULUM = arm("pendulum2")
 #: Where the tip comes by when the hip stands half a radian from straight down.
-POST = Safety((Box("post", (0.3, -0.1, -0.7), (0.4, 0.1, -0.55)),), (), (0.4, 0.0, 0.0), 0.01)
+POST = Safety((Box("post", (0.3, -0.1, -0.7), (0.4, 0.1, -0.55)),), (0.4, 0.0, 0.0), 0.01)
 #: The second joint, of 0.1 deg/s, needs an hour for its span.
 SLOW = tuple(Joint(k, f"j{k}", "revolute", alpha=1.0, a=0.2, max_velocity=v) for k, v in ((1, 1.0), (2, np.pi / 1800)))
 
@@ -201,7 +201,7 @@ def test_a_thin_plan_says_what_it_lacks():
 def test_a_joint_that_can_run_nowhere_is_told():
     """A lid over a table leaves joint 1 no way in any posture: refused, with what is struck."""
     boxes = (Box("table", (-2, -2, -1), (2, 2, -0.1)), Box("lid", (-2, -2, 0.12), (2, 2, 2)))
-    safety = Safety(boxes, (Sphere(3, (0.2, 0.0, 0.0), 0.08),), (0.0, 0.0, 0.1), 0.02)
+    safety = Safety(boxes, (0.0, 0.0, 0.1), 0.02, capsules=(Capsule(3, (0.2, 0.0, 0.0), (0.2, 0.0, 0.0), 0.08),))
     with pytest.raises(ModelError) as caught:
         plan(replace(arm("puma560"), safety=safety), seed=1)
     assert (caught.value.slug, caught.value.where.joint) == ("plan-unsafe", 1)

@@ -9,7 +9,7 @@ import pytest
 
 from pumaid.errors import Faults, PumaidError, RecipeError
 from pumaid.io.recipe import blank, find_recipe, read_recipe, shipped_recipes
-from pumaid.robot import Box, Safety, Sphere
+from pumaid.robot import Box, Capsule, Safety
 
 GOOD = """\
 name: arm
@@ -233,7 +233,7 @@ def test_the_documents_example_is_a_recipe(recipe) -> None:
 
 
 BOX = "{name: table, min: [-1, -1, -1], max: [1, 1, -0.02]}"
-BALL = "{link: 3, centre: [0.2, 0, 0], radius: 0.08}"
+ROD = "{link: 3, start: [0, 0, 0], end: [0.2, 0, 0], radius: 0.08}"
 JOINT = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0}\n"
 GEARED = "  - {type: revolute, theta: 0, alpha: 0, a: 0, d: 0, gear_ratio: 50}\n"
 SIX = "name: six\ngravity: [0, 0, -9.8]\njoints:\n"
@@ -254,12 +254,12 @@ HEADS = {
         ("safety", "boxes: [{min: [0, 0, .nan], max: [1, 1, 1]}]", "finite number"),
         ("safety", "boxes: [{min: [0, 0, 0], max: [1000, 1, 1]}]", "m, not mm"),
         ("safety", "boxes: 3", "write [{name: table"),
-        ("safety", "spheres: [{link: 7, centre: [0, 0, 0], radius: 1}]", "there is no link 7"),
-        ("safety", "spheres: [{link: -1, centre: [0, 0, 0], radius: 1}]", "from 0 (the base) to 6"),
-        ("safety", "spheres: [{link: 1.5, centre: [0, 0, 0], radius: 1}]", "integer"),
-        ("safety", "spheres: [{link: 1, centre: [0, 0, 0], radius: -1}]", "greater than 0"),
-        ("safety", "spheres: [{link: 1, centre: [0, 0, 0], radius: 80}]", "by 1000"),
-        ("safety", "spheres: [{link: 1, center: [0, 0, 0], radius: 1}]", "did you mean centre?"),
+        ("safety", "capsules: [{link: 7, start: [0, 0, 0], end: [0, 0, 0], radius: 1}]", "there is no link 7"),
+        ("safety", "capsules: [{link: -1, start: [0, 0, 0], end: [0, 0, 0], radius: 1}]", "from 0 (the base) to 6"),
+        ("safety", "capsules: [{link: 1.5, start: [0, 0, 0], end: [0, 0, 0], radius: 1}]", "integer"),
+        ("safety", "capsules: [{link: 1, start: [0, 0, 0], end: [0, 0, 0], radius: -1}]", "greater than 0"),
+        ("safety", "capsules: [{link: 1, start: [0, 0, 0], end: [0, 0, 0], radius: 80}]", "by 1000"),
+        ("safety", "capsules: [{link: 1, strat: [0, 0, 0], end: [0, 0, 0], radius: 1}]", "did you mean start?"),
         ("safety", "margin: -0.1", "greater than or equal to 0"),
         ("safety", "tool: [0, 0]", "tool has too few values"),
         ("safety", "ignore: [[1, 9]]", "there is no link 9"),
@@ -285,21 +285,21 @@ def safety(recipe, block: str) -> Safety | None:
 
 
 def test_safety_is_read(recipe) -> None:
-    """Boxes, spheres, tool, margin and ignored links become the record, in m though the file's angles are degrees."""
+    """Boxes, capsules, tool, margin and ignored links become the record, in m though the file's angles are degrees."""
     # An empty block means nothing; a box without a name is told by its number; 20 mm are left.
-    found = safety(recipe, f"tool: [0, 0, 0.1]\nboxes: [{BOX}]\nspheres: [{BALL}]\nmargin: 0.05\nignore: [[6, 4]]")
-    table, ball = Box("table", (-1, -1, -1), (1, 1, -0.02)), Sphere(3, (0.2, 0, 0), 0.08)
-    assert found == Safety((table,), (ball,), (0, 0, 0.1), 0.05, ((4, 6),))
+    found = safety(recipe, f"tool: [0, 0, 0.1]\nboxes: [{BOX}]\ncapsules: [{ROD}]\nmargin: 0.05\nignore: [[6, 4]]")
+    table, rod = Box("table", (-1, -1, -1), (1, 1, -0.02)), Capsule(3, (0, 0, 0), (0.2, 0, 0), 0.08)
+    assert found == Safety((table,), (0, 0, 0.1), 0.05, ((4, 6),), capsules=(rod,))
     assert safety(recipe, "") is None
-    found = safety(recipe, "boxes: [{min: [0, 0, 0], max: [1, 1, 1]}]\nspheres:")
+    found = safety(recipe, "boxes: [{min: [0, 0, 0], max: [1, 1, 1]}]\ncapsules:")
     assert found == Safety((Box("box 1", (0, 0, 0), (1, 1, 1)),), margin=0.02)
 
 
 def test_faults_of_several_blocks_come_together(recipe) -> None:
     """In the order of the lines; joints that take part in a coupling need their gear ratios."""
-    block = "margin: 2\n  boxes: [{min: [1, 0, 0]}]\n  spheres: [{link: 9, centre: 3}]"
+    block = "margin: 2\n  boxes: [{min: [1, 0, 0]}]\n  capsules: [{link: 9, start: 3}]"
     first = len(HEADS["safety"].splitlines())
-    assert [fault.where.line - first for fault in faults_of(recipe, HEADS["safety"] + block)] == [0, 1, 2, 2, 2]
+    assert [fault.where.line - first for fault in faults_of(recipe, HEADS["safety"] + block)] == [0, 1, 2, 2, 2, 2]
     found = faults_of(recipe, f"{SIX}{GEARED * 4}{JOINT * 2}coupling: {{r65: 0.1}}\n")
     told = [(fault.where.field, fault.where.line) for fault in found]
     assert told == [("joints[5].gear_ratio", 8), ("joints[6].gear_ratio", 9)]
@@ -310,7 +310,7 @@ def test_the_remarks_of_a_new_recipe_are_a_block(recipe) -> None:
     text = blank(3)
     block = text[text.index("# safety:") :].replace("# ", "", 1).replace("\n# ", "\n").replace("    # ", " # ")
     found = recipe(text + block).safety
-    assert (len(found.boxes), len(found.spheres), found.tool) == (1, 1, (0, 0, 0.1))
+    assert (len(found.boxes), len(found.capsules), found.tool) == (1, 1, (0, 0, 0.1))
     assert found.floor == 0.0 and found.links == ((0, 0.06), (1, 0.06))
 
 
