@@ -28,6 +28,7 @@ def users_file(robot, estimate, form: str) -> str:
     if form == "urdf":
         text = re.sub(r"( *<dynamics)[^>]*>", r"""\1 friction='7'\n      damping = "3" />""", text)
         text = re.sub(rf'(<joint name="{first}".*?)\n *<dynamics[^>]*>', r"\1", text, flags=re.DOTALL)
+        text = re.sub(rf'(<joint name="{first}"[^>]*>)', r"\1\n    <!-- </joint> -->", text)
         motor = f'<transmission name="t"><joint name="{first}"><hardwareInterface/></joint></transmission>'
         text = text.replace("</robot>", f"{motor}\n</robot>")
     else:

@@ -209,7 +209,7 @@ def _joints(robot: Robot, text: str, is_urdf: bool) -> list[tuple[re.Match[str],
 def _edited(text: str, tag: re.Match[str], texts: Mapping[str, str], *, is_inside: bool) -> str:
     """A file with these attributes in a tag, or in the <dynamics> inside that of a joint; new ones stand at its end."""
     if is_inside:
-        body = re.split(r"</joint\b", text[tag.end() :], maxsplit=1)[0]
+        body = text[tag.end() : next(_tags(text, "/joint", tag.end())).start()]
         if not any(_tags(body, "dynamics")):
             place, indent = tag.end() + len(body.rstrip()), body[: len(body) - len(body.lstrip())]
             text = f"{text[:place]}{indent}<dynamics/>{text[place:]}"
