@@ -1,11 +1,12 @@
 """The block `log` of a recipe: what it may hold, and the format of logs that it says."""
 
 import re
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
 
 from pumaid.errors import meant
 from pumaid.io.forms import AS_LIST, ArmForm, Finite, StrictForm, Words, arm_of, check, like, parsed_yaml, refusal
@@ -184,5 +185,9 @@ def preset_formats(robot: Robot) -> dict[str, LogFormat]:
     """What the presets make of a robot's logs."""
     joints = [{"name": joint.name, "type": joint.kind} for joint in robot.joints]
     names = robot.log.names or tuple(joint.name for joint in robot.joints)
-    forms = {name: LogForm.model_validate({"preset": name}, context=ArmForm({"joints": joints})) for name in presets()}
-    return {name: log_format(form, names) for name, form in forms.items()}
+    out = dict[str, LogFormat]()
+    for name in presets():
+        with suppress(ValidationError):  # units of joints that turn, where all slide
+            form = LogForm.model_validate({"preset": name}, context=ArmForm({"joints": joints}))
+            out[name] = log_format(form, names)
+    return out

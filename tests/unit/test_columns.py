@@ -628,3 +628,13 @@ def test_a_log_of_fewer_joints_than_the_recipe_is_told_as_that(tmp_path: Path) -
     time, q, current = motion()
     path = table(tmp_path / "log.csv", "time,pos_1,current_1", time, q[:, 0], current[:, 0])
     assert refused(path, robot()).what.endswith("log.csv has columns of 1 of the 2 joints of the recipe")
+
+
+def test_an_arm_whose_joints_all_slide_is_read_by_names(tmp_path: Path) -> None:
+    """Presets of servos in ticks and rpm do not fit it."""
+    rails = [f"  - {{name: {name}, type: prismatic, theta: 0, alpha: 1.5, a: 0}}" for name in "xyz"]
+    gantry = parsed_recipe("\n".join(["name: gantry", "gravity: [0, 0, -9.8]", "joints:", *rails]).encode(), "recipe")
+    time, q, current = (np.arange(50) * 0.01, *np.random.default_rng(1).normal(0.0, 0.1, (2, 50, 3)))
+    names = ",".join(["time", *(f"{what}_{name}" for what in ("pos", "current") for name in "xyz")])
+    log = read(table(tmp_path / "log.csv", names, time, q, current), gantry)
+    assert np.array_equal(log.position, q) and np.array_equal(log.current, current)
