@@ -6,7 +6,6 @@ import json
 import os
 import re
 import secrets
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from io import TextIOWrapper
@@ -19,7 +18,7 @@ import numpy as np
 from pumaid.dataset import Log
 from pumaid.errors import ModelError, ResultError, Where
 from pumaid.io.log_reader import factor_of
-from pumaid.io.paths import STDIN, is_log
+from pumaid.io.paths import is_log
 from pumaid.robot import QUANTITIES, Joint, Robot
 from pumaid.units import factor
 
@@ -102,13 +101,10 @@ def locked(folder: Path) -> Iterator[None]:
 def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
     """Write samples (at least one batch, in order of time) as one log file in the recipe's columns, units and signs.
 
-    The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine decimals. ``-`` writes CSV to standard output.
+    The ending decides: ``.parquet`` keeps every bit, ``.csv`` nine decimals.
     Velocity and temperature are left out where the first log has none.
     """
     tables = _tables(logs, robot)
-    if path == STDIN:
-        _write_csv(sys.stdout.buffer, tables)
-        return
     write = _write_parquet if Path(path).suffix.lower() == ".parquet" else _write_csv
     with replacing(path) as temporary, temporary.open("wb") as sink:
         write(sink, tables)
@@ -178,10 +174,10 @@ def write_session(
 ) -> list[tuple[str, int, float, float]]:
     """Write a virtual robot's logs, a file for each `origin`, and beside them in ``truth.json`` what the robot was.
 
-    Each file is written atomically; a session that is interrupted leaves the files written so far and the truth. ``-``
-    as folder writes all logs as one CSV to standard output, without the truth. With `force`, logs of an earlier
-    simulation in the folder (``session_*`` beside a ``truth.json``) are replaced. `progress` is called with the time
-    (s) up to which is written. The files are returned with their names, samples, first and last time (s).
+    Each file is written atomically; a session that is interrupted leaves the files written so far and the truth. With
+    `force`, logs of an earlier simulation in the folder (``session_*`` beside a ``truth.json``) are replaced.
+    `progress` is called with the time (s) up to which is written. The files are returned with their names, samples,
+    first and last time (s).
 
     Raises
     ------
@@ -197,9 +193,6 @@ def write_session(
             progress(float(log.time[-1]))
             yield log
 
-    if folder == STDIN:
-        write_log(folder, watched(), robot)
-        return []
     with locked(folder):
         for path in _replaced(folder, force):
             path.unlink()

@@ -298,19 +298,3 @@ def history_table(ladder: Ladder) -> Table:
         caption,
         (0, 1, 2),
     )
-
-
-def history_joint_table(ladder: Ladder) -> Table:
-    """One row a joint, one column a model: RMSE of fitted runs, then of held-out runs where there are any."""
-    rows: list[Row] = []
-    for kind, name in (("fitted", "rmse"), ("held out", "heldout")):
-        for fits in zip(*(rung.estimate.joints for rung in ladder.rungs), strict=True):
-            errors = [getattr(fit, name) for fit in fits]
-            if any(error is not None for error in errors):
-                rows.append([str(fits[-1].joint), kind, *map(amount, errors), amount(fits[-1].noise_floor)])
-    return Table(
-        "RMSE (A) by joint and model",
-        ["joint", "runs", *(str(rung.number) for rung in ladder.rungs), "noise floor (A)"],
-        rows,
-        words=(0, 1),
-    )

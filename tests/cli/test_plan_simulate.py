@@ -110,12 +110,6 @@ def test_simulate_writes_logs_and_truth(ready):
     assert (ready / "logs" / "mine.csv").exists()
 
 
-def test_simulate_streams_to_a_pipe(ready):
-    """-o - is one CSV with a header, and no folder."""
-    assert run(*SIMULATE, "--no-velocity", "-o", "-").stdout.splitlines()[0] == "t,q1,q2,i1,i2"
-    assert not (ready / "logs").exists()
-
-
 def test_hidden_effects_are_in_the_truth_and_temperatures_in_the_log(ready):
     """--hide changes the logs and is in truth.json; --temperature, or what follows it, adds a column a motor."""
     options = {

@@ -309,7 +309,7 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
 @click.command()
 @click.argument("recipe", type=options.FILE, required=False, metavar="[RECIPE]")
 @click.option("--plan", "runs", type=options.FILE_OR_PIPE, metavar="FILE", help="The plan; else beside the recipe.")
-@options.output_option("Folder of the logs; else logs/; - prints one CSV.")
+@options.output_option("Folder of the logs; else logs/.")
 @click.option(
     "--hide", multiple=True, metavar="EFFECT[@JOINT]", help="An effect that it has: stribeck@3:a=0.2; repeatable."
 )
@@ -349,15 +349,14 @@ def simulate(
     Example:
       pumaid simulate recipe.yaml --plan plan.yaml -o logs/ --seed 7
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
-      pumaid simulate -o - | pumaid identify -
     """
     from pumaid.io import plan_file, write
     from pumaid.reporting.run_tables import session_table
     from pumaid.results.truth_file import as_json as truth_json
     from pumaid.simulation import session
 
-    if as_json and str(output) == "-":
-        raise click.UsageError("--json prints a document, and -o - a log: standard output holds one of them.")
+    if str(output) == "-":
+        raise click.UsageError("-o names the folder of the logs and of truth.json.")
     folder = output or experiment.folder / "logs"
     robot = experiment.robot
     read = plan_file.read_plan(runs or experiment.folder / plan_file.PLAN_NAME, robot)
@@ -374,8 +373,6 @@ def simulate(
             truth=truth_json(virtual, seed=seed),
             progress=lambda seconds: step(seconds, f"{seconds:.0f} s of robot time"),
         )
-    if str(folder) == "-":
-        return
     if as_json:
         entries = [dict(zip(("file", "samples", "start", "end"), entry, strict=True)) for entry in files]
         document({"robot": robot.name, "seed": seed, "files": entries}, "simulation")

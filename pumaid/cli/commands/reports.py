@@ -25,7 +25,6 @@ FIGURES = ("png", "svg", "pdf")
 @click.argument("logs", type=options.LOGS, nargs=-1, metavar="[LOGS...]")
 @options.effects_option
 @options.output_option("The page; else results/report.html; - prints it.")
-@click.option("--figures", type=options.FILE, metavar="FOLDER", help="For figures; else results/figures.")
 @click.option(
     "--format",
     "forms",
@@ -41,7 +40,6 @@ def report(
     model: Path | None,
     experiment: Experiment,
     output: Path | None,
-    figures: Path | None,
     forms: tuple[str, ...],
     units: str,
     as_json: bool,
@@ -54,7 +52,7 @@ def report(
     Example:
       pumaid report
       pumaid report results/model.json new_logs/ -o new.html --units deg
-      pumaid report --figures paper/ --format pdf
+      pumaid report --format pdf
     """
     from pumaid.reporting import page
 
@@ -71,7 +69,6 @@ def report(
         for number, (name, data) in enumerate(page.report_files(context, forms)):
             step(number, name)
             path = near.results_folder / name
-            path = figures / path.name if figures and name.startswith("figures/") else path
             files.append(output or path if name == "report.html" else path)
             write_result(files[-1], data)
     remark(f"report written to {files[-1]}, with {len(files) - 1} tables and figures")
@@ -135,8 +132,7 @@ def history(*, folder: Path, results: Path | None, restore: int | None, as_json:
     if as_json:
         document(documents.history_document(models), "history")
     else:
-        first, *incomparable = models.ladders
-        show(tables.history_table(first), tables.history_joint_table(first), *map(tables.history_table, incomparable))
+        show(*map(tables.history_table, models.ladders))
 
 
 @click.command()

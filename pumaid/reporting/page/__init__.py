@@ -177,7 +177,7 @@ def history(context: ReportContext) -> Content | None:
     ladder = context.ladder
     if ladder is None or len(ladder.rungs) < 2:
         return None
-    return {"tables": [tables.history_table(ladder), tables.history_joint_table(ladder)]}
+    return {"table": tables.history_table(ladder)}
 
 
 def limits(context: ReportContext) -> Content:
