@@ -17,10 +17,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.nonlinear import fit_effects
 from pumaid.model import Model, minimal
-from pumaid.preprocessing.hold_out import match_with_plan
-from pumaid.preprocessing.segment import segment
-from pumaid.simulation import Bench, Truth, draw, simulate, table1
-from pumaid.trajectory import Plan
+from pumaid.simulation import Bench, Truth, draw, table1
 
 WRIST = wrist()
 #: An arm with hands' weight in its wrist, and what its gears pass on as effects.
@@ -130,36 +127,6 @@ def test_friction_follows_the_shaft_at_work():
     assert estimate.joints[5].rmse < 5.0 * truth.noise.sample_std[5]
     for name in ("coulomb.j6.plus", "coulomb.j6.minus"):
         assert estimate.value(name).value == pytest.approx(known[name], rel=0.15)
-
-
-@cache
-def session() -> tuple[Plan, Dataset, np.ndarray]:
-    """A session of a robot that no tuning saw: plan, runs in its logs, and parameters' errors in standard errors."""
-    robot = arm("stanford")
-    made, truth = plan(robot, minutes=12, seed=9), draw(robot, 111)
-    logs = simulate(robot, made, seed=111, truth=truth, rate=100.0)
-    dataset = match_with_plan(segment(logs, robot), made)
-    known = truth.parameters()
-    values = [v for v in identify(dataset, robot).values if v.value is not None and v.name in known]
-    return made, dataset, np.array([(v.value - known[v.name]) / v.std_error for v in values])
-
-
-def test_truth_is_found_through_logs():
-    """Parameters lie as far from the truth as their standard errors say."""
-    # Some 38 parameters, correlated in pairs, know their RMS to a fifth; intervals of some twenty degrees of freedom
-    # leave 5 to 7 % beyond 2 standard errors, give or take 4.
-    off = session()[2]
-    assert 0.6 < np.sqrt(np.mean(off**2)) < 1.6
-    assert np.mean(np.abs(off) > 2.0) < 0.16
-
-
-def test_planned_runs_are_found_and_held_out():
-    """Every planned run of a session is found in its logs, and those for judging are kept from the fit."""
-    made, dataset, _ = session()
-    assert [note.slug for note in dataset.notes] == []
-    planned = sum(motion.purpose == "heldout" for motion in made.motions)
-    # A move between postures may happen to repeat a run for judging.
-    assert planned <= sum(run.heldout for run in dataset.runs) <= planned + 3
 
 
 def test_forecast_is_what_experiments_scatter():

@@ -268,15 +268,6 @@ def test_one_speed_of_a_bare_motor_gives_one_sum(scratch):
     assert real.combination(model, "friction of joint 1 forward")["value"] == pytest.approx(0.092, abs=0.003)
 
 
-def test_motor_held_still_needs_current_for_its_magnets_and_slots():
-    """Without pumaid: at standstill 72 = lcm(24, 18) waves a turn lead; slots, pole pairs and magnets follow."""
-    table = pd.read_parquet(real.motor("stopped_data")[0])
-    angles = np.outer(np.arange(1, 131), table["Position"].to_numpy(dtype=float))
-    rest = table["Iq"].to_numpy(dtype=float) - table["Iq"].mean()
-    size = np.abs(np.cos(angles) @ rest + 1j * (np.sin(angles) @ rest))
-    assert list(np.argsort(-size)[:4] + 1) == [math.lcm(MAGNETS, SLOTS), SLOTS, POLE_PAIRS, MAGNETS]
-
-
 @pytest.mark.parametrize("name", real.ROLLING)
 def test_each_rolling_file_is_predicted_better_by_the_others_ripples(name):
     """At 51 rad/s: 12 and 36 waves a turn; each added ripple lowers the unseen file's error, a third in all."""
