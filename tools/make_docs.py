@@ -113,8 +113,9 @@ def _effect(effect: dict[str, Any]) -> str:
     """The section of one effect."""
     physics = " ".join(effect["physics"].split("\n\n")[0].split("\n"))
     lines = [f"## {effect['effect']}", "", physics, ""]
-    lines += [_number(item) for item in merged(effect["parameters"])]
-    lines += [_number(item) for item in merged(effect["shapes"])] + [""]
+    for item in (*merged(effect["parameters"]), *merged(effect["shapes"])):
+        lines.append(_number(item | ({"owner": "any"} if effect["not_at"] else {})))
+    lines.append("")
     lines += [f"Not at a {kind} joint: {reason}." for kind, reason in effect["not_at"].items()]
     lines += [f"Best seen in {effect['seen_in']}."] if effect["seen_in"] else []
     return "\n".join([*lines, f"Source: {effect['source']}.", ""])
