@@ -53,7 +53,8 @@ EXACT = 1e-9
 #: Shapes within this share are one where a joint may have an effect several times. Share of a statistic that a law
 #: which is not exact may lack.
 SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
-#: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew.
+#: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew: by Cauchy-Schwarz
+#: no score moves by more than a third of its standard error.
 MOVED = 0.1
 #: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
 #: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called

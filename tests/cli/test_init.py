@@ -119,8 +119,8 @@ def test_a_description_stands_where_a_recipe_does():
     assert "with pumaid init" in run("plan", "two.urdf", code=3).stderr
 
 
-def conversation(*answers: str) -> str:
-    """What a terminal shows of ``pumaid init`` to a person who types these answers."""
+def conversation(*answers: str, code: int = 0) -> str:
+    """What a terminal shows of ``pumaid init``, which ends with `code`, to a person who types these answers."""
     master, terminal = pty.openpty()
     line = [sys.executable, "-m", "pumaid", "init"]
     with subprocess.Popen(line, stdin=terminal, stdout=terminal, stderr=terminal, close_fds=True) as process:
@@ -131,7 +131,7 @@ def conversation(*answers: str) -> str:
             while part := os.read(master, 4096):
                 shown += part
     os.close(master)
-    assert process.returncode == 0, shown.decode()
+    assert process.returncode == code, shown.decode()
     return shown.decode()
 
 
@@ -149,3 +149,10 @@ def test_in_a_terminal_there_may_be_no_logs_yet():
     """A URDF and nothing more gives its recipe."""
     conversation("arm.urdf", "")
     assert read_recipe(Path("recipe.yaml")).n_joints == 3
+
+
+def test_in_a_terminal_a_recipe_that_is_there_is_told_first():
+    """Nothing is asked in vain."""
+    Path("recipe.yaml").touch()
+    shown = conversation(code=3)
+    assert "recipe.yaml is there already" in shown and "Robot" not in shown

@@ -101,3 +101,17 @@ def test_friction_without_a_jump_is_smooth_and_no_stribeck():
     assert item.trial.added.shape["velocity"] == pytest.approx(0.2, rel=0.1)
     assert item.trial.sizes[0] == pytest.approx(0.6, rel=0.1)
     assert item.after[2] < 1.1 * np.hypot(DIN.spread / 0.8, DIN.level)  # the noise is correlated by 0.6
+
+
+def test_what_is_not_looked_at_again_does_not_change_what_is_added(monkeypatch):
+    """Joints whose residuals hardly moved are skipped; looking at all of them anew ends with the same additions."""
+    lab = Lab.of(
+        PENDULUM,
+        PLAN,
+        Hidden("stribeck", 2, {"a": 0.4, "velocity": 0.1, "exponent": 1.0}),
+        Hidden("spring", 2, {"a": 0.2}),
+        Hidden("position_friction", 1, {"cos": 0.1, "sin": 0.0, "harmonic": 1}),
+    )
+    added = searched(lab, 222).search.added
+    monkeypatch.setattr("pumaid.diagnosis.stepwise.MOVED", 0.0)
+    assert len(added) > 2 and searched(lab, 222).search.added == added

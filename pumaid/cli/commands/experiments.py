@@ -75,10 +75,11 @@ def init(
         return
     if any(value not in (None, ()) for value in ((base, tip, arguments) if urdf is None else (name, joints))):
         raise click.UsageError("NAME, --joints or --urdf FILE, --base, --tip, --arg: these are two recipes.")
-    text = _recipe_text(name, joints) if urdf is None else ""
-    target = output or Path("recipe.yaml")
-    path = target / "recipe.yaml" if target.is_dir() else target
+    is_asking = name is None and urdf is None and sys.stdin.isatty() and sys.stdout.isatty()
+    text = "" if urdf or is_asking else _recipe_text(name, joints)
+    path = output / "recipe.yaml" if output and output.is_dir() else output or Path("recipe.yaml")
     spare_inputs([path], [urdf], new=() if force else (path,))
+    text = _asked_recipe() if is_asking else text
     facts: dict[str, Any] = {}
     if urdf is not None:
         made = UrdfRecipe(urdf, base=base, tip=tip, arguments=dict(arguments))
@@ -105,8 +106,6 @@ def init(
 def _recipe_text(name: str | None, joints: int | None) -> str:
     from pumaid.io.recipe import blank, shipped_recipes, started_from
 
-    if name is None and sys.stdin.isatty() and sys.stdout.isatty():
-        return _asked_recipe()
     names = [*shipped_recipes(), "blank"]
     if name not in names:
         raise click.UsageError(
