@@ -151,6 +151,11 @@ class JointBins:
         return values[a][is_shared], values[b][order][nearest][is_shared]
 
     @cached_property
+    def way(self) -> float:
+        """Way (rad or m) that the joint goes during a bin, its root mean square."""
+        return float(np.sqrt(np.mean((self.samples.velocity[:, self.joint - 1] * self.step[self.run]) ** 2)))
+
+    @cached_property
     def nodes(self) -> tuple[Samples, Floats]:
         """Three instants in each bin (3 N), and (N, 3) weights with which values there make the mean over the bin.
 

@@ -47,14 +47,15 @@ from pumaid.diagnosis.stepwise import (
     misfit_with,
     rmse,
 )
-from pumaid.effect_spec import EffectTerm, expanded, option_text, reopened, terms_of
+from pumaid.effect_spec import EffectTerm, expanded, marked, option_text, reopened, terms_of
 from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
 from pumaid.errors import LogError, ModelError, Note, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit
+from pumaid.estimation.gls import refit, releveled
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.estimation.nonlinear import effect_bins, fit_effects
+from pumaid.estimation.nonlinear import check_better, effect_bins, fit_effects
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
@@ -66,6 +67,8 @@ from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
+#: Refits until effects of the load have the loads that they leave.
+LOAD_ROUNDS = 4
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -331,6 +334,22 @@ def free_shape(
     return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
 
 
+def _with_effect(before: Fit, term: EffectTerm) -> Fit | None:
+    """A fit with one more effect, whose loads are those that it has itself; None where it goes astray."""
+    more = term.effect.terms if isinstance(term.effect, Together) else (term,)
+    model = before.model.with_effects(marked([*before.model.effects, *more]))
+    with suppress(ModelError):
+        after = releveled(refit(before, model, is_renewed=True))
+        places, robot = range(len(before.model.effects), len(model.effects)), model.robot
+        sized = [model.effects[place].searched(robot).at({}, after.sizes(place).tolist()) for place in places]
+        model = model.with_effects([*before.model.effects, *sized])
+        for _ in range(LOAD_ROUNDS if model.needs_loads() else 1):
+            after = refit(after, model)
+        check_better({joint: row.rmse for joint, row in before.by_bin.items()}, after, [term.effect.name])
+        return after
+    return None
+
+
 class DiagnosisBuilder:
     """Everything that a finished search (after `Stepwise.run`) has to say."""
 
@@ -363,29 +382,22 @@ class DiagnosisBuilder:
 
         The command of each adds those before it, too, and its forecast is what held-out runs show of just that model.
         """
-        search, out, head, before = self.search, list[Finding](), IDENTIFY, None
+        search, out, head = self.search, list[Finding](), IDENTIFY
         chosen = [*(x for x in search.accepted if x not in self.stand_ins), *(made.candidate for made in self.offers)]
-        terms = [item.trial.added for item in chosen]
-        heldout = effect_bins(self.robot, search.unseen, [*search.given, *terms], begun=search.begun)
+        terms = [*search.given, *(item.trial.added for item in chosen)]
+        bins, heldout = (effect_bins(self.robot, part, terms, begun=search.begun) for part in (runs, search.unseen))
+        fitted = fit_effects(search.model, runs, expanded(choices, self.robot), begun=search.begun).fit
+        before = refit(fitted, fitted.model, bins=bins) if heldout and chosen else fitted
         for candidate in chosen:
-            finding, unseen = self.finding(candidate), [bins for bins in heldout if bins.joint in candidate.after]
+            finding, unseen = self.finding(candidate), [part for part in heldout if part.joint in candidate.after]
             if finding.command:  # else it is a suspected column, which nothing adds
-                more, after = (*choices, *finding.choices()), None
-                if unseen:
-                    before = before or self._identified(choices, runs)
-                    after = self._identified(more, runs)
-                    finding = forecast(finding, before, after, unseen=unseen)
+                after = _with_effect(before, candidate.trial.added) if unseen else before
+                finding = forecast(finding, before, after, unseen=unseen) if unseen else finding
                 finding = replace(finding, command=finding.command.replace(IDENTIFY, head, 1))
-                if finding.verdict == ADD:
-                    choices, head, before = more, finding.command, after
+                if finding.verdict == ADD and after is not None:
+                    head, before = finding.command, after
             out.append(finding)
         return tuple(out)
-
-    def _identified(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> Fit | None:
-        """The model with some effects as `identify` fits it; None where it would refuse that."""
-        with suppress(ModelError):
-            return fit_effects(self.search.model, runs, expanded(choices, self.robot), begun=self.search.begun).fit
-        return None
 
     def finding(self, candidate: EvaluatedCandidate) -> Finding:
         """What to add, without what runs held out will show."""

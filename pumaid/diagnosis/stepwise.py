@@ -56,10 +56,12 @@ SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
 #: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew: by Cauchy-Schwarz
 #: no score moves by more than a third of its standard error.
 MOVED = 0.1
-#: Effects added at most, candidates looked at closely at a time, and looks for each addition allowed: what one look
-#: adds the next may drop, and so on without end. Effects that runs held out may deny before what is left is called
-#: unexplained.
-MOST_ADDED, LEADERS, LOOKS, MOST_DENIED = 12, 10, 2, 4
+#: Looks at most, since what one adds the next may drop, and so on without end. Candidates looked at closely at a time.
+#: Effects that runs held out may deny before what is left is called unexplained.
+MOST_LOOKS, LEADERS, MOST_DENIED = 40, 10, 4
+#: Share of a score that effects of other joints may make, so that all are added at one look. Phase (rad) of a wave over
+#: a bin beyond which the mean over the bin blunts it.
+APART, FASTEST = 0.05, 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -186,12 +188,16 @@ def rmse(bins: JointBins, misfit: Floats) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Step:
-    """One look: the scores, their chances, what was chosen (None: nothing passed), and all that were looked at."""
+    """One look: the scores, their chances, what was chosen (None: nothing passed), and all that were looked at.
+
+    `beside` are chosen, too: each leads at another joint and hardly changes once those before it are in.
+    """
 
     scan: ScoreTable
     family: SignFlips
     chosen: EvaluatedCandidate | None
     evaluated: tuple[EvaluatedCandidate, ...]
+    beside: tuple[EvaluatedCandidate, ...] = ()
 
 
 class Stepwise:
@@ -292,23 +298,25 @@ class Stepwise:
             if not refused or len(self.denied) >= MOST_DENIED:
                 return last
             self.denied += refused
-            self.added, self.steps, self.accepted = list(self.given), [], []
+            self.accepted = [item for item in self.accepted if item not in refused]
+            self.added = [*self.given, *(item.trial.added for item in self.accepted)]
+            self._exchange()
 
     def _climb(self) -> Fit:
         """Add until nothing passes."""
         while True:
-            count = len(self.added) - len(self.given)
-            self.tell(f"looking for what is missing ({count} added)")
+            self.tell(f"looking for what is missing ({len(self.accepted)} added)")
             step = self.look(self.added)
             self.steps.append(step)
-            if step.chosen is None or count >= MOST_ADDED or len(self.steps) > LOOKS * MOST_ADDED:
+            if step.chosen is None or len(self.steps) > MOST_LOOKS:
                 return step.scan.solved
-            self.added.append(step.chosen.trial.added)
-            self.accepted.append(step.chosen)
+            before, new = (list(self.added), list(self.accepted)), (step.chosen, *step.beside)
+            self.added += [item.trial.added for item in new]
+            self.accepted += new
             try:
-                self._exchange()
+                self._exchange(new)
             except ModelError:  # with it the fit goes astray
-                del self.added[-1], self.accepted[-1]
+                self.added, self.accepted = before
                 return step.scan.solved
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
@@ -325,7 +333,8 @@ class Stepwise:
         if None in leads:  # of the whole arm: it is all that leads, or explains what joints' own do
             leads = {None: leads[None]} if trials[-1].added is leads[None] else {j: leads[j] for j in leads if j}
         if leads:
-            solved = self.solved(added, _noises(self._unsized([*added, *leads.values()])))
+            terms = list(leads.values())
+            solved = self.solved(added, _noises(self._unsized([*added, *terms])), beside=terms)
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)
@@ -340,8 +349,9 @@ class Stepwise:
         if chosen is None:
             shared = sorted(self._together(table, chances), key=lambda item: -item.log_odds)
             chosen = next((item for item in shared if item.fault is None), None)
-        chosen = None if chosen is None else self._named(chosen, shared or evaluated, added)
-        return Step(table, chances, chosen, (*evaluated, *shared))
+        leading = [] if chosen is None else [chosen] if shared else _apart(evaluated)
+        named = self._named(leading, shared or evaluated, added)
+        return Step(table, chances, named[0] if named else None, (*evaluated, *shared), tuple(named[1:]))
 
     def _together(self, table: ScoreTable, chances: SignFlips) -> Iterator[EvaluatedCandidate]:
         """Effects that surveys find at every joint, at all joints as one, where these show them together.
@@ -366,20 +376,32 @@ class Stepwise:
                 yield replace(judged, p_value=chance)
 
     def _named(
-        self, chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], added: Sequence[EffectTerm]
-    ) -> EvaluatedCandidate | None:
-        """The likeliest of `chosen` and its rivals, with its own; None where with it the fit goes astray.
+        self,
+        leading: Sequence[EvaluatedCandidate],
+        evaluated: Sequence[EvaluatedCandidate],
+        added: Sequence[EffectTerm],
+    ) -> list[EvaluatedCandidate]:
+        """The likeliest of each of those `leading` and its rivals, with its own; none where the fit goes astray.
 
-        That something is missing, the family-wise test of `chosen` shows; what it is, the odds say.
+        That something is missing, the family-wise test of a leading one shows; what it is, the odds say.
         """
+        out = list[EvaluatedCandidate]()
+        if not leading:
+            return out
+        terms = [*added, *(item.trial.added for item in leading)]
         try:
-            rivals = self._rivals(chosen, evaluated, self.solved([*added, chosen.trial.added]))
-            likeliest = max((chosen, *rivals), key=lambda item: item.log_odds)
-            if likeliest is not chosen:
-                rivals = self._rivals(likeliest, evaluated, self.solved([*added, likeliest.trial.added]))
+            after = self.solved(terms)
+            for place, item in enumerate(leading, start=len(added)):
+                rivals = self._rivals(item, evaluated, after)
+                likeliest = max((item, *rivals), key=lambda candidate: candidate.log_odds)
+                if likeliest is not item:
+                    instead = [*terms[:place], likeliest.trial.added, *terms[place + 1 :]]
+                    rivals = self._rivals(likeliest, evaluated, self.solved(instead))
+                if likeliest.key not in [candidate.key for candidate in out]:
+                    out.append(replace(likeliest, p_value=item.p_value, rivals=rivals))
         except ModelError:
-            return None
-        return replace(likeliest, p_value=chosen.p_value, rivals=rivals)
+            return self._named(leading[:1], evaluated, added) if len(leading) > 1 else []
+        return out
 
     def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:
         """Of what the solved system leaves, at the finest bins."""
@@ -442,7 +464,8 @@ class Stepwise:
                 and other.trial.statistic > ALMOST * chosen.trial.statistic
             )
             lead = 0.0 if is_mixed else chosen.log_odds - other.log_odds
-            if other.key == chosen.key or is_denied or lead > DECISIVE or not other.predicts:
+            is_elsewhere = chosen.after.keys().isdisjoint(other.after)
+            if other.key == chosen.key or is_elsewhere or is_denied or lead > DECISIVE or not other.predicts:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
@@ -450,10 +473,10 @@ class Stepwise:
         return tuple(out)
 
     def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
-        """A fit with the finest bins of the joint of a periodic effect, the noise there beside this; else as it is."""
-        if term.effect.periodic is None:
+        """A fit with the finest bins of the joint of a fast wave, the noise there beside this; else as it is."""
+        bins = next((fine for coarse, fine in zip(*self._bins, strict=True) if _is_fast(term, coarse)), None)
+        if bins is None:
             return solved
-        bins = next(bins for bins in self._bins[1] if bins.joint == term.joint)
         misfit, wave = solved.misfit(bins), term.linear(self.model.robot, with_loads(solved, bins))
         return at_bins(solved, bins, noise_of(bins, misfit - wave @ np.linalg.lstsq(wave, misfit, rcond=None)[0]))
 
@@ -486,19 +509,21 @@ class Stepwise:
                 return candidate.transfer
         return None
 
-    def _exchange(self) -> None:
-        """Look at every earlier addition again, now that the later ones are in: drop it, or put a better one there.
+    def _exchange(self, new: Sequence[EvaluatedCandidate] = ()) -> None:
+        """Look at additions before `new` ones again, now that these are in: drop it, or put a better one there.
 
         Not at one in whose joints what is left has hardly moved since it was looked at.
         """
-        chances = self.steps[-1].family
-        for current in self.added[len(self.given) : -1]:
+        chances, latest = self.steps[-1].family, [item.trial.added for item in new]
+        for current in self.added[len(self.given) :]:
             place, whole = self.added.index(current), self.solved(self.added)
             rows = [row for row in whole.joints if current.touches(row.bins.joint)]
             before = next((misfits for term, misfits in self._examined if term is current), ())
             if before and all(map(_is_unmoved, rows, before)):
                 continue
             self._examined.insert(0, (current, [row.misfit for row in rows]))
+            if current in latest:
+                continue
             solved = self.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises)
             again = score_at(Projector(self._where_it_shows(solved, current)), current)
             if again is None or chances.p_value(current.key, again.surprise(solved.scale)) > LEVEL:
@@ -526,6 +551,27 @@ def _noises(fitted: Fit) -> dict[int, NoiseModel]:
 
 
 def _chosen(bins: Sequence[Sequence[JointBins]], added: Sequence[EffectTerm]) -> tuple[JointBins, ...]:
-    """Of coarse and finest bins the finest of joints that have a periodic effect, else coarse ones."""
-    fine = {term.joint for term in added if term.effect.periodic is not None}
-    return tuple(b if a.joint in fine else a for a, b in zip(*bins, strict=True))
+    """Of coarse and finest bins the finest of joints that have an effect which coarse ones blunt, else coarse ones."""
+    return tuple(b if any(_is_fast(term, a) for term in added) else a for a, b in zip(*bins, strict=True))
+
+
+def _is_fast(term: EffectTerm, bins: JointBins) -> bool:
+    """Whether an effect is periodic in the position of a joint, and too fast for its bins."""
+    if term.effect.periodic is None or term.joint != bins.joint:
+        return False
+    return bins.way * term.shape[term.effect.periodic] > FASTEST
+
+
+def _apart(evaluated: Sequence[EvaluatedCandidate]) -> list[EvaluatedCandidate]:
+    """The leading candidate that passes, and those of other joints that hardly change once those before it are in."""
+    out, shifts, taken = list[EvaluatedCandidate](), list[Floats](), set[int]()
+    for item in evaluated:
+        if taken.isdisjoint(item.after) and item.fault is None:
+            projector = Projector(item.on)
+            cross = projector.crossed(projector.whitened(projector.columns([item.trial.added])))
+            moved = cross.T @ item.on.inverse @ sum(shifts, np.zeros(len(cross)))
+            if moved @ pseudo_inverse(item.trial.information)[0] @ moved < APART**2 * item.trial.statistic:
+                out.append(item)
+                shifts.append(cross @ item.trial.sizes)
+            taken |= item.after.keys()
+    return out
