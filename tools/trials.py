@@ -2,6 +2,7 @@
 
     python tools/trials.py accuracy [-o FIGURE.png]     docs/validation.md; five minutes
     python tools/trials.py motion [--experiments 40]    docs/validation.md; ten minutes
+    python tools/trials.py missing [--experiments 120]  docs/validation.md; an hour
     python tools/trials.py planning [--experiments 40]  docs/planning.md
     python tools/trials.py statistics                   docs/statistics.md; ten minutes
 
@@ -29,14 +30,15 @@ from experiments import coverage, logged, losses
 from free_motion import loaded, picks, reach, recorded, waves
 
 from pumaid import identify, segment, simulate
-from pumaid.dataset import first_motions
+from pumaid.dataset import Dataset, first_motions
 from pumaid.design.plan import plan
 from pumaid.diagnosis.candidates import minus_log10_p
 from pumaid.diagnosis.detection_limits import detection_limits
-from pumaid.diagnosis.diagnose import DiagnosisBuilder
-from pumaid.diagnosis.records import UNEXPLAINED_JOINT
+from pumaid.diagnosis.diagnose import DiagnosisBuilder, diagnose
+from pumaid.diagnosis.records import ADD, UNEXPLAINED_JOINT
 from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effects import catalogue
+from pumaid.errors import ModelError
 from pumaid.estimate import Estimate
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
@@ -155,6 +157,79 @@ def motion(options: argparse.Namespace) -> Iterator[str]:
             share = interval([held for outcomes in by_name.values() for held in outcomes])
             title = f"{name}{f', {tool:g} kg tool' if tool else ''}, {way}"
             yield row(title, f"{1.0 / counts:.0e}", share, f"{interval(by_name[lowest])} ({lowest})", untold)
+
+
+#: Effects hidden in arms at work, with the values that make their size; sizes, as multiples of the noise, of what the
+#: base model leaves of them.
+AT_WORK: dict[str, tuple[str, ...]] = {
+    "coupling": ("c",),
+    "stribeck": ("a",),
+    "ripple": ("cos", "sin"),
+    "spring": ("a",),
+    "payload": ("mass",),
+    "zero_offset": ("delta",),
+    "warmup": ("a",),
+    "friction_step": ("a",),
+    "position_friction": ("cos", "sin"),
+    "viscous_power": ("b",),
+    "load_friction": ("drive", "back"),
+    "tilt": ("x", "y"),
+    "flexibility": ("c",),
+}
+MULTIPLES = (0.0, 0.5, 1.0, 2.0)
+
+
+def hidden_at_work(seed: int) -> tuple[float, str, str]:
+    """The size and name of what is hidden in an arm at work, and how the diagnosis answers."""
+    rng, (name, way, tool, counts) = np.random.default_rng([seed, 77]), WORK[(0, 2, 4, 5)[seed % 4]]
+    seconds, move = (60.0, waves) if way == "waves" else (100.0, picks)
+    robot = read_recipe(shipped_recipes()[name])
+    truth = loaded(draw(robot, seed), tool) if tool else draw(robot, seed)
+
+    def estimated(arm: Truth, counts: float) -> tuple[Dataset, Estimate]:
+        wanted = move(np.random.default_rng(seed), seconds, reach(robot))
+        dataset = segment([recorded(arm, wanted, np.random.default_rng(seed), counts=counts)], robot)
+        return dataset, identify(dataset, robot)
+
+    size, effect = float(rng.choice(MULTIPLES)), str(rng.choice(list(AT_WORK)))
+    joint = None if effect in ("payload", "tilt") else int(rng.integers(1, robot.n_joints + 1))
+    if size:
+        times = {"warmup": {"time_constant": seconds / 3.0}, "friction_step": {"time": seconds / 2.0}}
+        times["payload"] = times["friction_step"]
+        try:
+            lacking = truth.hiding([Hidden(effect, joint, times.get(effect, {}))])
+        except ModelError:  # the joint carries no weight
+            return size, effect, "not to be had"
+        quiet = replace(lacking, noise=replace(truth.noise, std=0.0 * truth.noise.std))
+        remaining = np.array([fit.rmse for fit in estimated(quiet, 1e7)[1].joints], float) / truth.noise.sample_std
+        (hidden,) = lacking.hidden
+        factor = size / float(np.max(remaining))
+        values = {key: value * (factor if key in AT_WORK[effect] else 1.0) for key, value in hidden.values.items()}
+        truth = replace(truth, hidden=(replace(hidden, values=values),))
+    dataset, estimate = estimated(truth, counts)
+    findings = [finding for finding in diagnose(estimate, dataset, robot).findings if finding.verdict == ADD]
+    if not size or not findings:
+        return size, effect, "something" if findings else "nothing"
+    first = findings[0]
+    if (first.effect, first.joint) == (effect, joint):
+        return size, effect, "first"
+    return size, effect, "rival" if effect in [rival.split("@")[0] for rival in first.rivals] else "wrong"
+
+
+def missing(options: argparse.Namespace) -> Iterator[str]:
+    """How the diagnosis answers where one effect is hidden in an arm at work, or none."""
+    with ProcessPoolExecutor(options.jobs) as pool:
+        answers = list(pool.map(hidden_at_work, range(FIRST_WORK, FIRST_WORK + options.experiments)))
+    yield header("size (noise)", "experiments", "named first", "a rival of the first", "wrong", "nothing named")
+    for size in MULTIPLES:
+        judged = [answer for multiple, _, answer in answers if multiple == size and answer != "not to be had"]
+        words = ("something",) if not size else ("first", "rival", "wrong")
+        shares = [interval([answer == word for answer in judged]) for word in words]
+        cells = ["-", "-", *shares] if not size else shares
+        yield row(f"{size:g}", len(judged), *cells, interval([answer == "nothing" for answer in judged]))
+    for _, effect, answer in answers:
+        if answer in ("wrong", "something"):
+            yield f"{effect}: {answer}"
 
 
 def coverage_figure(clustered: dict[str, float], white: dict[str, float], path: Path) -> None:
@@ -349,7 +424,7 @@ def hits() -> Iterator[str]:
         yield row(f"{name}@{joint}", f"{limit:.4g} {announced[0][name, joint].unit}", *cells)
 
 
-TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, motion, planning, statistics)}
+TRIALS_BY_NAME = {trial.__name__: trial for trial in (accuracy, missing, motion, planning, statistics)}
 
 
 def main() -> None:
@@ -357,8 +432,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("trial", choices=TRIALS_BY_NAME)
     parser.add_argument("-o", "--output", type=Path, help="where the figure of accuracy goes")
-    parser.add_argument("--experiments", type=int, default=40, help="of planning, of each arm")
-    parser.add_argument("--jobs", type=int, default=1, help="processes of motion and planning")
+    parser.add_argument("--experiments", type=int, default=40, help="of planning, of what is missing, of each arm")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of motion, missing and planning")
     options = parser.parse_args()
     for line in TRIALS_BY_NAME[options.trial](options):
         print(line, flush=True)
