@@ -114,17 +114,18 @@ class Arm:
         *,
         add: Iterable[str] = (),
         recursive: bool = False,
+        trust: bool = False,
         **options: Any,
     ) -> Identified:
         """Identify the arm from logs, by default the folder's; nothing is written (see `Identified.save`).
 
         `add` takes effects as on the command line (``"stribeck@3"``), `recursive` stops after the n-to-1 recursion,
-        `options` are `heldout` and `trust` as of `dataset`.
+        `trust` takes logs that look wrong, `options` is `heldout` as of `dataset`.
         """
-        experiment = self._experiment(logs, **options)
+        experiment = self._experiment(logs, trust=trust, **options)
         effects = chosen_by(experiment.robot, add)
         dataset = experiment.dataset()
-        estimate = fitting.identify(dataset, experiment.robot, effects=effects, recursive=recursive)
+        estimate = fitting.identify(dataset, experiment.robot, effects=effects, recursive=recursive, trust=trust)
         return Identified(estimate, experiment.robot, dataset, arm=self)
 
     def model(self, path: str | PathLike[str] | None = None, *, logs: Logs | None = None) -> Identified:

@@ -140,7 +140,7 @@ def added(
     while new := addable():
         count = len(done)
         for finding in new:
-            fresh = identified(dataset, robot, effects=(*reopened(estimate), *finding.choices()))
+            fresh = identified(dataset, robot, trust=True, effects=(*reopened(estimate), *finding.choices()))
             before, after = _errors(estimate, finding.joint), _errors(fresh, finding.joint)
             runs = next((runs for runs in before if after[runs] > (1.0 + MAY_RISE[runs]) * before[runs]), None)
             if runs is not None:

@@ -14,7 +14,7 @@ from pumaid import __version__
 from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.effect_spec import expanded
 from pumaid.effects import Family, Trace, load_refusal
-from pumaid.errors import LogError, Note, Where, listed
+from pumaid.errors import LogError, Note, Where, listed, refuse
 from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
 from pumaid.estimation.curves import curve_values
 from pumaid.estimation.evaluate import JointPrediction, fast_squares, predictions, rmse
@@ -113,6 +113,7 @@ def identify(
     *,
     effects: Sequence[EffectChoice] | None = None,
     recursive: bool = False,
+    trust: bool = False,
     progress: Progress | None = None,
 ) -> Estimate:
     """Every parameter of the minimal model and of the effects, identified or not, with errors clustered by run.
@@ -121,7 +122,8 @@ def identify(
     runs are left out. `effects` are physics beyond the paper's model, the recipe's where not given; shapes that a
     choice leaves open are fitted. `progress` is called with the joint at work (0: all) and a word on what is done.
 
-    Raises LogError (no-runs) where there is no run to fit, and ModelError (unknown-effect, effect-joint, effect-shape,
+    Raises LogError: no-runs where there is no run to fit, scale-wrong where positions are in another unit, unless
+    `trust`; and ModelError (unknown-effect, effect-joint, effect-shape,
     effect-twice) where an effect cannot be in the model.
 
     Source: S.-K. Lin, "Identification of a Class of Nonlinear Deterministic Systems with Application to Manipulators".
@@ -148,7 +150,10 @@ def identify(
         logs={facts.name: facts.digest for facts in dataset.files},
         heldout=rmse((prediction, prediction.heldout) for prediction in at_joints.values()),
     )
-    return replace(estimate, notes=(*dataset.notes, *notes_on(result, estimate, robot=robot, at_joints=at_joints)))
+    remarks = list(notes_on(result, estimate, robot=robot, at_joints=at_joints))
+    refuse([] if trust else [item for item in remarks if isinstance(item, LogError)])
+    notes = (item if isinstance(item, Note) else Note(item.slug, f"{item.what}; {item.mend}") for item in remarks)
+    return replace(estimate, notes=(*dataset.notes, *notes))
 
 
 def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Coverage, *, recursive: bool) -> Estimate:
@@ -256,7 +261,7 @@ def _note(kind: str, where: Where | None = None, **values: object) -> Note:
 
 def notes_on(
     result: EffectFit, estimate: Estimate, *, robot: Robot, at_joints: Mapping[int, JointPrediction]
-) -> Iterator[Note]:
+) -> Iterator[LogError | Note]:
     """All notes on a fit and on what was estimated; `at_joints` maps a joint to what is predicted of its runs."""
     fitted, effects = result.fit, result.fit.model.effects
     frictionless, missed = list(of_friction(fitted, estimate.values)), list(of_misfit(fitted, estimate.joints))

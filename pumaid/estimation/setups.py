@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from pumaid.effects.base import Scope
-from pumaid.errors import Note, Where, listed
+from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimation.evaluate import JointPrediction
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.link_lengths import mean_motion
 from pumaid.io.forms import yaml_text
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats
+from pumaid.preprocessing.joint_signals import UNIT_MATCH, other_units
 from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -42,8 +43,7 @@ TEXTS = {
     " base{opposite}, {falls}. Check gravity, and alpha of the first joint",
     WEIGHTLESS: "gravity seems to be taken out of these currents already{beside}: without weight, {falls}, though"
     " inertia shows that links have mass. Log raw currents",
-    SCALED: "positions seem to be in another unit than the recipe says{beside}: {scale} times as large, {falls}. An"
-    " encoder's range is perhaps no whole turn; a spring may look like it",
+    SCALED: "positions seem to be in another unit than the recipe says{beside}: {scale} times as large, {falls}",
     LOADED: "the last link seems to carry another load in some files{beside}: with a load a file, {falls}. Identify"
     " the files apart; or, where you know the loads, say so in the recipe (kg, and m in the last link's frame), which"
     " gives torque constants too:\n{files}",
@@ -54,9 +54,11 @@ BESIDE |= {MOUNTED: "another mounting", WEIGHTLESS: "gravity taken out", SCALED:
 NO_WEIGHT = 0.02
 #: rad; a base tilted by less is the effect `tilt`. Most directions of gravity that are tried, and the first step (rad).
 TILTED, DIRECTIONS, STEP = 0.15, 60, 0.4
-#: Logarithms of the scales of positions between which so many are tried, and of the least change that an encoder's
-#: range explains: a spring bends positions by less.
-SCALES, TRIED, RESCALED = (-np.log(5.0), np.log(5.0)), 15, np.log(1.1)
+#: Logarithms of the scales of positions between which so many are tried, turns for radians among them, and of the least
+#: change that an encoder's range explains: a spring bends positions by less.
+SCALES, TRIED, RESCALED = (-np.log(7.0), np.log(7.0)), 18, np.log(1.1)
+#: Share of the error to which another unit of positions surely brings it, which no spring does.
+SURELY = 0.1
 #: Number of a body's parameters that weight is told by; gravity (m/s2) along no axis, under which all of them count.
 WEIGHT, OBLIQUE = 4, (3.0, 5.0, 8.0)
 
@@ -208,8 +210,11 @@ class Setups:
             yield times(best)
 
 
-def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
-    """A note on the other meaning of recipe and logs that explains best what a fit misses at joints, if any."""
+def of_setups(fitted: Fit, missed: Sequence[int]) -> list[LogError | Note]:
+    """A note on the other meaning of recipe and logs that explains best what a fit misses at joints, if any.
+
+    A refusal where that is another unit of positions, without doubt.
+    """
     setups = Setups(fitted, missed) if missed else None
     candidates = setups.explanations() if setups is not None else []
     if setups is None or not candidates:
@@ -220,6 +225,7 @@ def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
         rivals += [f"joint {k}" for k, factor in enumerate(rival.setup.factors, start=1) if factor < 0.0]
         rivals += [BESIDE[rival.setup.kind]] if rival.setup.kind != TURNED else []
     joint = turned[0] if turned else None
+    scale = max(setup.factors, key=lambda factor: abs(factor - 1.0))
     text = TEXTS[setup.kind].format(
         joint=joint,
         beside=f" (or {listed(rivals, separator=', or ')})" if rivals else "",
@@ -227,9 +233,17 @@ def of_setups(fitted: Fit, missed: Sequence[int]) -> list[Note]:
         order=", ".join(str(k + 1) for k in np.argsort(setup.order)),
         gravity=[round(part, 2) + 0.0 for part in setup.gravity],
         opposite="" if setups.moves else " or the other way",
-        scale=number(max(setup.factors, key=lambda factor: abs(factor - 1.0)), 3),
+        scale=number(scale, 3),
         files=_loads_block(run.origin for row in fitted.joints for run in row.bins.runs),
     )
+    if setup.kind == SCALED:
+        units = other_units(setups.robot, "position", "rad", fits=lambda size: abs(scale / size - 1.0) < UNIT_MATCH)
+        size = number(setups.robot.log.conversion("position", 1).scale * scale, 3)
+        words = " or ".join(units) or f"position: {{column: ..., scale: {size}}} (a motor's turns, parts of a turn?)"
+        mend = f"put {words} into the recipe's log block"
+        if best.then < SURELY * best.now:
+            return [LogError(setup.kind, text, mend=mend)]
+        text = f"{text}: {mend}; a spring may look like it"
     return [Note(setup.kind, text, Where(joint=joint))]
 
 

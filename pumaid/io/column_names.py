@@ -31,8 +31,18 @@ _KNOWN = {what: words.split() for what, words in _WORDS.items()}
 #: Units that a name tells, by quantity, CiA 402's of torques too; none of them stands inside a word.
 _UNIT_WORDS = {
     "time": {"ms": r"ms|msecs?|milli\w*", "us": r"us|µs|usecs?|micro\w*", "ns": r"ns|nsecs?|nano\w*"},
-    "position": {"deg": "deg|degrees?|°|度", "tick": "ticks?", "mrad": "mrad"},
-    "velocity": {"deg/s": "deg|degrees?|°|度", "rpm": "rpm|U/min|1/min", "tick/s": "ticks?"},
+    "position": {
+        "deg": "deg|degrees?|°|度",
+        "rev": "turns?|revs?|revolutions?|pos[ _]estimate",  # as ODrive says
+        "tick": "ticks?",
+        "mrad": "mrad",
+    },
+    "velocity": {
+        "deg/s": "deg|degrees?|°|度",
+        "rpm": "rpm|U/min|1/min",
+        "rev/s": "turns?|revs?|revolutions?|vel[ _]estimate",
+        "tick/s": "ticks?",
+    },
     "current": {
         "mA": "mA",
         "Nm": "N[ _·*]?m",

@@ -398,6 +398,13 @@ def test_columns_are_known_as_controllers_and_people_name_them(tmp_path: Path, h
     np.testing.assert_allclose(log.current, current)
 
 
+def test_positions_of_odrive_are_turns(tmp_path: Path) -> None:
+    time, q, current = motion()
+    names = ",".join(["time", *(f"axis{k}.{word}" for word in ("pos_estimate", "motor.foc.Iq_measured") for k in "01")])
+    log = read(table(tmp_path / "log.csv", names, time, q / (2.0 * np.pi), current), robot())
+    np.testing.assert_allclose(log.position, q)
+
+
 def test_thousandths_that_names_tell(tmp_path: Path) -> None:
     """Of a radian and of a newton metre; CiA 402's torques are thousandths of the rated one."""
     time, q, current = motion()

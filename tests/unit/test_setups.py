@@ -1,5 +1,6 @@
 """Logs and recipes that do not mean what they say are told before any physics is called missing."""
 
+import json
 import re
 from pathlib import Path
 
@@ -63,3 +64,30 @@ def test_currents_without_weight_are_told(tmp_path):
 def test_sound_logs_are_accused_of_nothing(tmp_path):
     told = invoke("identify", str(make(tmp_path / "arm") / "logs")).stderr
     assert "note[" not in told
+
+
+TURN = 2.0 * np.pi
+
+
+def in_turns(table, number):
+    """Positions and velocities in turns, as drives of direct motors tell them."""
+    return table.assign(**{name: table[name] / TURN for name in ("q1", "q2", "qd1", "qd2")})
+
+
+def test_positions_in_turns_are_refused_with_the_unit_that_reads_them(tmp_path):
+    """No limit or velocity tells it, weight does; --trust takes them all the same."""
+    arm = spoilt(tmp_path / "arm", in_turns, None)
+    refused = invoke("identify", str(arm / "logs"))
+    assert refused.exit_code == 3 and "error[scale-wrong]" in refused.stderr and not refused.stdout
+    trusted = invoke("identify", str(arm / "logs"), "--trust")
+    assert trusted.exit_code == 0 and "note[scale-wrong]" in trusted.stderr
+    (unit,) = re.findall(r"put (units: \{position: \w+\}) into", refused.stderr)
+    recipe = arm / "recipe.yaml"
+    recipe.write_text(f"{recipe.read_text()}\nlog: {{{unit}}}\n")
+    sound = make(tmp_path / "sound")
+    texts = [invoke("identify", str(folder / "logs"), "--json").stdout for folder in (arm, sound)]
+    ours, theirs = (
+        np.array([part["value"] or 0.0 for joint in json.loads(text)["joints"] for part in joint["parameters"]])
+        for text in texts
+    )
+    assert np.allclose(ours, theirs, rtol=1e-3, atol=1e-3)

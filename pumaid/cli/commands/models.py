@@ -124,7 +124,7 @@ def identify(
     dataset = experiment.dataset()
     if motion == CONSTANT:
         dataset = replace(dataset, runs=tuple(run for run in dataset.runs if run.kind == CONSTANT))
-    estimate = identified(dataset, robot, effects=effects, recursive=recursive)
+    estimate = identified(dataset, robot, effects=effects, recursive=recursive, trust=experiment.trust)
     notes(dict.fromkeys((*dataset.notes, *estimate.notes)))
     path = output or experiment.results_folder / "model.json"
     if output is None:
