@@ -103,10 +103,9 @@ def test_a_fault_is_never_silent(arm, fault):
 pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
 
 
-@pytest.mark.parametrize("streams", ["2>/dev/full", ">&- 2>&- <&-"])
-def test_what_nobody_hears_is_done_all_the_same(arm, streams):
-    """Closed outputs, and a full one for remarks, are as if they led nowhere."""
-    done = shell(f"pumaid identify logs {streams}", arm)
+def test_what_nobody_hears_is_done_all_the_same(arm):
+    """Closed outputs are as if they led nowhere."""
+    done = shell("pumaid identify logs >&- 2>&- <&-", arm)
     assert done.returncode == 0 and "Traceback" not in done.stderr
     assert json.loads((arm / "results" / "model.json").read_text())["kind"] == "model"
 
