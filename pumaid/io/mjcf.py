@@ -1,5 +1,7 @@
 """MJCF files: bodies and joints as MuJoCo reads them, as links and joints of a URDF."""
 
+import html
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -21,6 +23,28 @@ _DELETED = (
 )
 
 
+#: An element <include> of MJCF as groups 1 and 2, outside comments; and what stands around what a file has to include.
+_INCLUDE = re.compile(
+    r"""<!--.*?-->|<include\b[^>]*?\bfile\s*=\s*("([^"]*)"|'([^']*)')[^>]*>(?:\s*</include>)?""", re.S
+)
+_AROUND = re.compile(r"\A.*?<mujoco\w*\b[^>]*>|</mujoco\w*>\s*\Z", re.S)
+
+
+def with_includes(path: Path, *above: Path) -> str:
+    """The text of a URDF or MJCF file; what MJCF includes, if it is there, stands in its place.
+
+    `above` are the files by which it is included.
+    """
+
+    def content(match: re.Match[str]) -> str:
+        name = html.unescape(match[2] or match[3] or "")
+        files = [file for place in (path, *above) if match[1] and (file := place.parent / name).is_file()]
+        is_there = bool(files) and files[0] not in (path, *above)
+        return _AROUND.sub("", with_includes(files[0], path, *above)) if is_there else match[0]
+
+    return _INCLUDE.sub(content, path.read_bytes().decode("utf-8", "replace"))
+
+
 def urdf_of_mjcf(path: Path, content: bytes, file: str) -> ElementTree.Element:
     """The bodies and joints of an MJCF file as a URDF's element ``<robot>``, bodies being links, the root ``world``.
 
@@ -39,7 +63,7 @@ def urdf_of_mjcf(path: Path, content: bytes, file: str) -> ElementTree.Element:
     from mujoco import FatalError, MjData, MjSpec, mj_kinematics, mjtEq, mjtTrn
 
     try:
-        spec = MjSpec.from_string(content.decode()) if str(path) == "-" else MjSpec.from_file(str(path))
+        spec = MjSpec.from_string(content.decode()) if str(path) == "-" else MjSpec.from_file(str(path.resolve()))
         gears = {drive.target: f"{drive.gear[0]:g}" for drive in spec.actuators if drive.trntype == mjtTrn.mjTRN_JOINT}
         leaders = {tie.name1: tie.name2 for tie in spec.equalities if tie.type == mjtEq.mjEQ_JOINT}
         for element in [element for kind in _DELETED for element in getattr(spec, kind)]:

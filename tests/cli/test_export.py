@@ -57,6 +57,14 @@ def test_friction_goes_into_a_copy_of_the_users_file(arm):
     run(*into, "-o", "Arm v1.xml", "--force")
     assert Path("Arm v1.xml").read_bytes() == after
     run(*into, "--format", "mjcf", code=2)
+    whole = before.decode()
+    begin, end = whole.index("<worldbody>") + len("<worldbody>"), whole.index("</worldbody>")
+    Path("parts").mkdir()
+    Path("parts/arm.xml").write_text(f"<?xml version='1.0'?>\n<mujocoinclude>{whole[begin:end]}</mujocoinclude>\n")
+    Path("parts/all.xml").write_text('<mujocoinclude><include file="arm.xml"/></mujocoinclude>')
+    Path("scene.xml").write_text(f'{whole[:begin]}<include file="parts/all.xml"/>{whole[end:]}')
+    run(*into[:3], "scene.xml", *into[4:])
+    assert Path("scene_identified.xml").read_bytes() == after
     run("export", "results/model.json", code=2)
     run("export", "results/model.json", "--into", "none.xml", code=2)
     Path("empty.xml").write_bytes(b"")

@@ -146,7 +146,7 @@ def test_a_file_without_the_joints_is_refused(text):
     robot = robot_called("ur5e")
     with pytest.raises(RecipeError, match="shoulder_pan, shoulder_lift") as caught:
         export(fitted(robot), robot, into=text, torque_constants=given(robot))
-    assert "includes others" in caught.value.mend
+    assert "MJCF includes" in caught.value.mend
 
 
 def test_currents_are_not_taken_for_torques():

@@ -194,3 +194,15 @@ def test_includes_beside_the_file_are_read(made, tmp_path) -> None:
     (tmp_path / "inner.xml").write_text(ARM)
     scene = '<mujoco><include file="inner.xml"/><worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>'
     assert [joint.name for joint in made(scene).robot.joints] == ["shoulder", "elbow"]
+
+
+def test_included_files_are_read_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "arm" / "parts").mkdir(parents=True)
+    for name, text in {
+        "arm.xml": '<mujoco><worldbody><include file="parts/upper.xml"/></worldbody></mujoco>',
+        "parts/upper.xml": '<mujocoinclude><body><joint name="a"/><include file="fore.xml"/></body></mujocoinclude>',
+        "parts/fore.xml": '<mujocoinclude><body><joint name="b"/></body></mujocoinclude>',
+    }.items():
+        (tmp_path / "arm" / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    assert [joint.name for joint in UrdfRecipe(Path("arm/arm.xml")).robot.joints] == ["a", "b"]

@@ -171,6 +171,7 @@ def export(
     """
     from pumaid import exports
     from pumaid.exports.equivalent_bodies import read_constants
+    from pumaid.io.mjcf import with_includes
 
     to_pipe, forms = output is not None and str(output) == "-", exports.every_form()
     if form not in (forms if into is None else ("",)):
@@ -186,7 +187,7 @@ def export(
     estimate, robot = experiment.model(model), experiment.robot
     name, content = "" if output is None or to_pipe or output.is_dir() else output.stem, None
     if into is not None:
-        name, content = f"{into.stem}_identified", into.read_bytes().decode("utf-8", "replace")
+        name, content = f"{into.stem}_identified", with_includes(into)
         output = output or into.with_name(name + into.suffix)
     torques = None if constants is None else read_constants(constants, robot.n_joints)
     exported = exports.export(estimate, robot, form=form, name=name, torque_constants=torques, into=content)

@@ -200,8 +200,8 @@ def _joints(robot: Robot, text: str, is_urdf: bool) -> list[tuple[re.Match[str],
             "into-refused",
             f"no joint is clearly {listed(lost) or 'UTF-8'} of the recipe; left are {listed([*there]) or 'none'}"[:400],
             Where(field="--into"),
-            "write the file's names into the recipe (name or log_name) and identify again; of a file that includes"
-            " others name that with the joints; expand a xacro file",
+            "write the file's names into the recipe (name or log_name) and identify again; what MJCF"
+            " includes must lie where it says; expand a xacro file",
         )
     return out
 
