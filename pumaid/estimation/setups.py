@@ -137,6 +137,9 @@ class Setups:
         setups = (*self._reread(), *thin._mounted(), *thin._scaled())
         errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
         least = {joint: min(after[joint] for after in errors) for joint in self.before}
+        bent = {
+            cells.joint: _rest(cells, np.hstack([self._columns(cells, self.now), _bent(cells)])) for cells in self.cells
+        }
         for setup, after in zip(setups, errors, strict=True):
             ratios = {joint: after[joint] / self.before[joint] for joint in after if self.before[joint] > 0.0}
             judged = [joint for joint in self.missed if joint in ratios]
@@ -144,6 +147,7 @@ class Setups:
             is_at_least = setup.kind == TURNED or all(after[joint] <= AT_LEAST * least[joint] for joint in judged)
             falls = {TURNED: FALLS, WEIGHTLESS: FALLS_WEIGHTLESS}.get(setup.kind, FALLS_FAR)
             rises = RISES if setup.kind == TURNED else RISES_FAR
+            is_at_least &= all(after[joint] < RISES * bent[joint] for joint in judged)
             if best and ratios[best] < falls and max(ratios.values()) < rises and is_at_least:
                 more = 2.0 * self.files * np.log(self.runs) / self.runs if setup.by_file else 0.0
                 out.append((self._cost(after) + more, Explanation(setup, best, self.before[best], after[best])))
@@ -293,6 +297,12 @@ def _chosen(fitted: Fit, joint: int, most: int) -> _Chosen:
     beside, weight = row.bare[np.ix_(chosen, beyond)], np.sqrt(bins.count[chosen] / bins.count[chosen].sum())
     motion = position, velocity * accelerates, pull * accelerates
     return _Chosen(joint, motion, beside, bins.current[chosen], weight, files[bins.run[chosen]])
+
+
+def _bent(cells: _Chosen) -> Floats:
+    """(N, 7) what a spring, a counterbalance or a link that bends draws, which other setups may look like."""
+    q = cells.motion[0][cells.joint - 1]
+    return np.column_stack([q, *(wave(k * q) for k in (1, 2, 3) for wave in (np.cos, np.sin))])
 
 
 def _rest(cells: _Chosen, columns: Floats) -> float:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from faulty import OUTER, OWN, RATIO, csv, good, invoke, make
 
+from pumaid.diagnosis.records import CAUSES as SLUGS
+
 
 def fewer(table):
     """Positions and velocities a sixth too small."""
@@ -91,3 +93,15 @@ def test_positions_in_turns_are_refused_with_the_unit_that_reads_them(tmp_path):
         for text in texts
     )
     assert np.allclose(ours, theirs, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "law", [lambda table: table.i2 + 2.0 * table.q2, lambda table: table.i2 + 0.8 * np.sin(2.0 * table.q2)]
+)
+def test_a_joint_that_bends_its_own_current_is_no_other_setup(tmp_path, law):
+    """A strong spring and a second harmonic are physics: order, loads and gravity are not blamed."""
+    told = invoke(
+        "identify", str(spoilt(tmp_path / "arm", lambda table, _: table.assign(i2=law(table)), None) / "logs")
+    )
+    slugs = set(re.findall(r"note\[([a-z-]+)\]", told.stderr))
+    assert "model-misses" in slugs and slugs.isdisjoint(SLUGS)
