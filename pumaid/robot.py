@@ -174,7 +174,8 @@ class Safety:
     capsules: tuple[Capsule, ...] = ()  # those of neighbouring links are never held against each other
 
 
-#: A known load that the last link carries: kg, and where its centre of mass is in that link's frame, m.
+#: A known load that the last link carries: kg, and where its centre of mass is in that link's frame, m (in the recipe
+#: and in plans as the recipe states that frame).
 Payload = tuple[float, float, float, float]
 
 
@@ -194,6 +195,8 @@ class Robot:
     # By (I, J), J < I from 1: turns of joint I's motor for a turn of J's while joint I stands; both have gear ratios.
     coupling: Mapping[tuple[int, int], float] = field(default_factory=dict, hash=False)
     payloads: Mapping[str, Payload] = field(default_factory=dict, hash=False)  # by name or pattern of log files
+    # (4, 4) rows of the last link's frame in the one that the recipe states: of another axis, or of a standard table.
+    tip: tuple[tuple[float, ...], ...] = tuple(map(tuple, np.eye(4).tolist()))
 
     def joint(self, number: int) -> Joint:
         """Joint by its number, from 1."""
@@ -208,6 +211,11 @@ class Robot:
     def geometry(self) -> str:
         """SHA-256 of what a recipe says of the arm itself, not of its name, its logs and its effects."""
         return hashlib.sha256(repr((self.joints, self.gravity, sorted(self.coupling.items()))).encode()).hexdigest()
+
+    def carried(self, payload: Payload) -> Payload:
+        """A payload whose place counts in the last link's frame as the recipe states it, in the link's frame here."""
+        x, y, z, _ = (np.linalg.inv(self.tip) @ (*payload[1:], 1.0)).tolist()
+        return payload[0], x, y, z
 
     @property
     def placements(self) -> Floats:

@@ -30,7 +30,7 @@ _HEAVIEST, _FARTHEST = 1e5, 100.0
 
 def loaded(truth: Truth, payload: Payload) -> Truth:
     """A prior robot with the payload in its hand; where only constants in A are known, the last gain is a usual one."""
-    mass, *at = payload
+    mass, *at = truth.robot.carried(payload)
     n, bare, gain = truth.robot.n_joints, truth.constants, truth.gain
     if truth.given_constants is not None:
         usual = np.copysign(draw(truth.robot, 0).gain[-1], truth.friction.coulomb_plus[-1])

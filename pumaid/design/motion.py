@@ -68,7 +68,7 @@ def inertial_values(truth: Truth, payload: Payload | None = None) -> dict[str, f
     arm = draw(truth.robot, truth.seed or 0)
     about = tensors(arm)[:, *np.transpose(list(TENSOR.values()))]
     parameters = of_bodies(arm.links.mass, arm.links.centre, about, rotors=arm.inertia / arm.gain)
-    parameters[-1] += 0.0 if payload is None else of_payload(payload)
+    parameters[-1] += 0.0 if payload is None else of_payload(truth.robot.carried(payload))
     return {
         column.name: float(value * arm.gain[column.owner - 1])
         for column, value in zip(body_columns(arm.robot), base_values(arm.robot, parameters), strict=True)

@@ -492,11 +492,12 @@ def needs(prior: Prior, promised: Mapping[str, float], hidden: Mapping[str, str]
     if name in promised and robot.joint(n).is_revolute:
         share = promised[name] / abs(float(np.median([t.parameters()[name] for t in prior.robots])))
         if share >= _WEAK:
+            place = np.round(np.array(robot.tip)[:3] @ (_LEVER, 0.0, 0.0, 1.0), 6) + 0.0
             yield Note(
                 "plan-needs-weight",
                 f"{name} cannot be identified with the weight that this arm has: its predicted error is"
                 f" {number(share, 2)} times its value. A payload {1e3 * _LEVER:g} mm off the axis shows it: --payload"
-                f" 0.5,{_LEVER:g},0,0",
+                f" 0.5,{','.join(f'{part:.3g}' for part in place)}",
                 Where(joint=n),
             )
     first = next((joint for joint in robot.joints if joint.is_revolute), None)

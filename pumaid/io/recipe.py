@@ -4,6 +4,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, cast
@@ -351,7 +352,7 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         once=_ANGLES,
     )
     joints, turns = _joints(form, arm.names)
-    return Robot(
+    robot = Robot(
         form.name,
         joints,
         form.gravity,
@@ -362,12 +363,10 @@ def parsed_recipe(content: bytes, name: str) -> Robot:
         effect_lines=tuple(document.line_of(("effects", index)) for index in range(len(form.effects))),
         coupling=cast(dict[tuple[int, int], float], form.coupling),
         safety=_safety(form.safety, turns),
-        payloads={
-            name: (load.mass, *_placed(load.at, turns[-1]))
-            for name, file in form.files.items()
-            for load in file.values()
-        },
+        tip=tuple(map(tuple, turns[-1].tolist())),
     )
+    loads = {name: (load.mass, *load.at) for name, file in form.files.items() for load in file.values()}
+    return replace(robot, payloads={name: robot.carried(load) for name, load in loads.items()})
 
 
 def _joints(arm: RecipeForm, names: Sequence[str]) -> tuple[tuple[Joint, ...], list[Floats]]:

@@ -21,9 +21,11 @@ from pumaid.design.information import (
     run_moments,
     shown_names,
 )
+from pumaid.design.motion import inertial_values
 from pumaid.design.plan import plan
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
+from pumaid.io.recipe import parsed_recipe
 from pumaid.robot import Joint, Robot
 from pumaid.simulation import Bench, Links, Noise, draw, table1
 from pumaid.trajectory import Motion
@@ -174,6 +176,20 @@ def test_payload_is_part_of_the_last_link(name):
     share = draw(arm(name), 0).gain[-1] / truth.gain[-1]
     added = loaded(known, payload).gravity_current(q) - truth.gravity_current(q)
     assert added == pytest.approx(abs(share) * (wanted - truth.gravity_current(q)), abs=1e-9)
+
+
+def test_payload_counts_in_the_frame_that_the_recipe_states():
+    """A joint about y feels a load along the stated z as a lever, as a recipe's known loads do."""
+    text = """{name: lever, gravity: [0, 0, -9.81],
+        joints: [{type: revolute, placement: {xyz: [0, 0, 1], axis: [0, 1, 0]}}],
+        files: {a.csv: {payload: {mass: 0.5, at: [0, 0, 0.1]}}}}"""
+    robot = parsed_recipe(text.encode(), "recipe")
+    truth, q = draw(robot, 3), np.array([[0.0], [0.5 * np.pi]])
+    added = loaded(truth, (0.5, 0.0, 0.0, 0.1)).gravity_current(q) - truth.gravity_current(q)
+    assert np.abs(added[:, 0] / truth.gain[0]) == pytest.approx([0.0, 0.5 * 0.1 * 9.81], abs=1e-9)
+    assert robot.carried((0.5, 0.0, 0.0, 0.1)) == pytest.approx(robot.payloads["a.csv"])
+    moved = [inertial_values(truth, load)["inertia.l1.zz"] for load in (None, (0.5, 0.0, 0.0, 0.1))]
+    assert np.diff(moved) / truth.gain[0] == pytest.approx(0.5 * 0.1**2)
 
 
 def test_payload_shows_the_papers_last_ratio():

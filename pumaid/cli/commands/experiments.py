@@ -195,7 +195,7 @@ EXCLUDES = (
     "--payload",
     callback=options.separated(click.FLOAT, 4),
     metavar="KG,X,Y,Z",
-    help="The last link carries KG at X,Y,Z (m).",
+    help="The last link carries KG at X,Y,Z (m; its frame in the recipe).",
 )
 @click.option("--check", type=options.FILE, metavar="PLAN", help="What PLAN promises; exit code 1 if it lacks any.")
 @click.option(
