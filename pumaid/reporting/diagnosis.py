@@ -68,6 +68,9 @@ VERDICTS = {
     STAND_IN: ("stands in", "weak"),
 }
 
+#: Findings from which on a table tells them first.
+MANY = 4
+
 EMPTY = Paragraph("")
 
 
@@ -201,10 +204,14 @@ def left_out_sentence(finding: Finding, *, runs: str, before: float, after: floa
 
 def headline(diagnosis: Diagnosis, robot: Robot) -> str:
     """The diagnosis in one sentence."""
-    missing = [_named(item, robot) for item in diagnosis.findings if item.verdict == ADD and "of" not in item.shape]
+    named = [item for item in diagnosis.findings if item.verdict == ADD and "of" not in item.shape]
+    missing = [_named(item, robot) for item in named]
+    if len(named) >= MANY:
+        joints = listed([str(joint) for joint in sorted({item.joint for item in named if item.joint})])
+        missing = [f"{len(named)} effects at joints {joints}"]
     doubtful = [_named(finding, robot) for finding in diagnosis.findings if finding.verdict != ADD]
     strange = [str(joint.joint) for joint in diagnosis.joints if joint.verdict == UNEXPLAINED_JOINT]
-    parts = [f"{listed(missing)} {'is' if len(missing) == 1 else 'are'} missing"] if missing else []
+    parts = [f"{listed(missing)} {'is' if len(named) == 1 else 'are'} missing"] if missing else []
     if strange:
         curves = listed([f"joint {item.joint}" for item in diagnosis.findings if "of" in item.shape])
         does = f" (a learned curve does at {curves})" if curves else ""
@@ -301,6 +308,25 @@ def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
 
 
 # Tables
+
+
+def finding_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
+    """All findings, a row each; None where a sentence tells the few that there are."""
+    rows: list[Row] = []
+    for count, item in enumerate(diagnosis.findings, start=1):
+        names = listed([label(name) for name in (item.effect, *item.rivals)], "or")
+        words, tone = VERDICTS[ADD] if item.verdict == ADD else ("may be missing", "weak")
+        errors = [item.rmse_heldout_before, item.rmse_heldout_after]
+        rmse = " → ".join(amount(error).text for error in errors if error is not None)
+        where = (
+            f"joints {listed([str(joint) for joint in item.joints])}" if item.joints else joint_label(robot, item.joint)
+        )
+        rows.append([str(count), where, names, Cell(words, tone=tone), rmse or "-"])
+    forecast = all(item.forecast is not None for item in diagnosis.findings)
+    runs = "runs that were not fitted" if forecast else "runs left out of the fit"
+    caption = f"RMSE: of {runs}, without → with the effect, those of the rows above being in the model."
+    header = ("", "joint", "effect", "verdict", "RMSE (A)")
+    return Table("What is missing", header, rows, caption=caption, words=(1, 2, 3)) if len(rows) >= MANY else None
 
 
 def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
@@ -430,6 +456,8 @@ def diagnosis_blocks(
         limit_table(diagnosis, robot, units=units),
     )
     blocks += [(None, [table]) for table in made if table is not None]
+    summary = finding_table(diagnosis, robot)
+    blocks = [(None, [] if summary is None else [summary]), *blocks]
     return [
         (None, [Paragraph(headline(diagnosis, robot), style="bold")]),
         *(block for block in blocks if block[1]),

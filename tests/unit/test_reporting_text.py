@@ -22,6 +22,7 @@ from pumaid.estimate import Combination
 from pumaid.estimation.evaluate import Budget, BudgetPart, Comparison, JointScore
 from pumaid.reporting import text
 from pumaid.reporting.diagnosis import (
+    diagnosis_parts,
     finding_sentences,
     finding_title,
     form_sentence,
@@ -303,3 +304,15 @@ def test_an_added_effect_is_reported_at_the_joint_that_it_changed():
     )
     drifted = replace(after, joints=(*after.joints[:3], replace(new, noise_floor=0.1)))
     assert "floor" not in step_sentence(diagnoses.tilt(), before, drifted, robot=PUMA, number=2)
+
+
+def test_many_findings_are_a_table_first():
+    """The headline counts them and names their joints; each has a row with what runs that were not fitted show."""
+    many = [replace(diagnoses.stribeck(), joint=joint) for joint in (1, 3, 3, 6)]
+    told = replace(diagnoses.rich(), findings=(*many, replace(many[0], verdict="doubtful")))
+    parts = diagnosis_parts(told, diagnoses.PUMA)
+    assert "4 effects at joints 1, 3 and 6 are missing" in parts[0].text and "1 (waist) may be missing" in parts[0].text
+    (table,) = [part for part in parts if getattr(part, "title", "") == "What is missing"]
+    assert [row[1].text for row in table.cells] == ["1 waist", "3 elbow", "3 elbow", "6 wrist3", "1 waist"]
+    assert {row[2].text for row in table.cells} == {"stribeck or viscous_power"}
+    assert [row[3].text for row in table.cells] == [*["add"] * 4, "may be missing"]
