@@ -9,7 +9,7 @@ import numpy as np
 
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Run
 from pumaid.effect_spec import Column
-from pumaid.effects import Family, Samples, Scope
+from pumaid.effects import Family, Samples, Scope, load_refusal
 from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
 from pumaid.estimation.fit import Fit, Row
@@ -206,7 +206,8 @@ def of_column(
     outer = sorted(name for name in partners if name.startswith(("gravity", "gain_ratio")))
     beyond = [name for name in outer if int(name.split(".")[1].lstrip("l")) > column.owner]
     if lever < LEAST_LEVER or not partners:
-        return reason("upright")
+        is_level_somewhere = load_refusal(model.robot, column.owner) is None
+        return reason("upright" if is_level_somewhere else "inertia in sums")
     if beyond and outer_postures(coverage[column.owner]) < 2:
         return reason("one posture", names=listed(beyond, NAMED))
     return (

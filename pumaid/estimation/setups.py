@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pumaid.effects.base import Scope
+from pumaid.effects.base import Scope, load_refusal
 from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimation.evaluate import JointPrediction
 from pumaid.estimation.fit import Fit
@@ -265,8 +265,7 @@ def of_weight(at_joints: Mapping[int, JointPrediction]) -> list[Note]:
     """A note on an arm with joints across gravity of which none bears weight."""
     shares = {}
     for joint, prediction in at_joints.items():
-        is_loaded = {"gravity", f"gravity.l{joint}.x"} <= {*prediction.effects, *prediction.model.names}
-        if is_loaded:
+        if "gravity" in prediction.effects and load_refusal(prediction.model.robot, joint, must_change=True) is None:
             weight = prediction.parts[:, prediction.effects.index("gravity")]
             drawn = prediction.current_square[prediction.counted].sum() / prediction.samples[prediction.counted].sum()
             shares[joint] = float(np.sqrt(np.mean(weight**2) / max(drawn, np.finfo(float).tiny)))

@@ -105,3 +105,28 @@ def test_a_joint_that_bends_its_own_current_is_no_other_setup(tmp_path, law):
     )
     slugs = set(re.findall(r"note\[([a-z-]+)\]", told.stderr))
     assert "model-misses" in slugs and slugs.isdisjoint(SLUGS)
+
+
+SCARA = """{name: scara, gravity: [0, 0, -9.81], joints: [{type: revolute, alpha: 0, a: 0, d: 0},
+  {type: revolute, alpha: 0, a: 0.3, d: 0}, {type: prismatic, alpha: 0, a: 0.2, d: 0, theta: 0}]}"""
+
+
+def test_an_arm_whose_joints_cannot_bear_weight_is_not_asked_for_it(tmp_path):
+    """Upright axes feel none in any posture, and a slide along gravity a constant one."""
+    rng, place, path = np.random.default_rng(2), np.zeros(3), []
+    for number in range(60):
+        joint, size = number % 3, (1.0, 1.0, 0.1)[number % 3]
+        steps = int(100 * rng.uniform(2.0, 6.0))
+        ends = np.where(np.arange(3) == joint, size * (-1) ** (number // 3), place)
+        way = 0.5 - 0.5 * np.cos(np.pi * np.arange(steps) / steps)  # the slow middle is a run, the ends are not
+        path += [place + way[:, None] * (ends - place), np.tile(ends, (60, 1))]
+        place = ends
+    q = np.concatenate(path)
+    speed = np.gradient(q, 0.01, axis=0)
+    current = 0.3 * np.sign(np.round(speed, 9)) + 0.1 * speed + [0.0, 0.0, 0.8] + rng.normal(0.0, 0.02, q.shape)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "recipe.yaml").write_text(SCARA)
+    table = np.column_stack([np.arange(len(q)) * 0.01, q, current])
+    np.savetxt(tmp_path / "logs" / "a.csv", table, delimiter=",", header="t,q1,q2,q3,i1,i2,i3", comments="")
+    told = invoke("identify", str(tmp_path / "logs"))
+    assert told.exit_code == 0 and "weight-missing" not in told.stderr and "lies level" not in told.stdout
