@@ -28,6 +28,8 @@ NORMAL, WAVE, ABSURD = 3.0, 0.5, 1e6
 TINY = float(np.finfo(float).tiny) ** 0.5
 #: Why no size of an effect could be seen.
 FAINT = "the fitted model absorbs all of it in these runs"
+SHORT = "no run is long enough for one and a half waves"
+FOLLOWS = "it is tried at the frequencies of ripples that are found"
 AVERAGED = "bins of these runs average it away; slower runs show it"
 
 
@@ -63,7 +65,14 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
         limit = _limit(robot, catalogue()[waves.key[0]], waves.key, size)
         at_end = {"up_to": float(waves.frequency[waves.visible][-1])} if len(information) else {"reason": AVERAGED}
         out[waves.key] = replace(limit, **at_end)
-    return out | {key: Limit(*key, "", None, "", why) for key, why in scan.candidates.excluded.items()}
+    untold: dict[Key, str] = {
+        (effect.name, joint): FOLLOWS if effect.needs_loads else SHORT
+        for effect in catalogue().values()
+        if effect.periodic
+        for joint in shares
+    }
+    reasons = untold | dict(scan.candidates.excluded)
+    return {key: Limit(*key, "", None, "", why) for key, why in reasons.items()} | out
 
 
 def _size(test: ScoreTest, family: SignFlips, scan: ScoreTable, *, fall: float) -> float:

@@ -153,6 +153,7 @@ def test_limits_are_of_every_effect_and_joint():
     """Each has a size with its unit, or a reason why not."""
     found = told(look(pendulum(), 1))
     assert len(found) >= 2 * 14
+    assert {(name, joint) for name in ("ripple", "load_ripple") for joint in (1, 2)} <= found.keys()
     for key, limit in found.items():
         assert isinstance(limit, Limit) and (limit.effect, limit.joint) == key
         assert (limit.size is None) != (limit.reason is None)
