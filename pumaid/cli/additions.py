@@ -22,8 +22,8 @@ from pumaid.robot import Robot
 
 #: Share by which an addition may raise the error of the fitted runs: by rounding; that of held-out runs not at all.
 MAY_RISE = {"fitted": 0.01, "held-out": 0.0}
-#: Effects that one call adds at most.
-MOST_ADDED = 12
+#: Effects that one call adds at most: more than arms have, so that it ends.
+MOST_ADDED = 60
 
 
 def identified(dataset: Dataset, robot: Robot, **choices: Any) -> Estimate:
