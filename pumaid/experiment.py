@@ -117,7 +117,7 @@ class Experiment:
                     progress=lambda done: self.progress(done, len(paths)),
                 )
             if plan is not None:
-                dataset = match_with_plan(dataset, read_plan(plan, self.robot))
+                dataset = match_with_plan(dataset, read_plan(plan, self.robot), self.robot)
             if self.is_kept and file:
                 keep_dataset(file, dataset, made_from, tell=self.tell)
         dataset = with_payloads(dataset, self.robot.payloads)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pumaid.errors import Note
 from pumaid.maths import Floats
-from pumaid.robot import Joint, Robot
+from pumaid.robot import Joint, Payload, Robot
 from pumaid.units import factor
 
 #: Speed of moves between postures where a joint states no highest speed: rad/s and m/s.
@@ -36,6 +36,7 @@ class Motion:
     end: float
     velocity: float  # positive, rad/s or m/s
     purpose: str = "fit"  # or "heldout"
+    payload: Payload | None = None  # the known load that the last link carries, in its frame as the recipe states it
 
 
 @dataclass(frozen=True, slots=True)

@@ -288,3 +288,14 @@ def check(is_good: Callable[[Any, ArmForm], bool], what: str, mend: str) -> Afte
 def like(*examples: str, default: Any = ..., **more: Any) -> Any:
     """A field with what its value looks like."""
     return Field(default, examples=list(examples), **more)
+
+
+#: Three numbers.
+Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
+
+
+class PayloadForm(StrictForm):
+    """A known load on the last link."""
+
+    mass: Annotated[Finite, Field(ge=0.0, le=1e5)] = like("0.5   (kg)")
+    at: Vector = like("[0.1, 0, 0]   (m, its centre of mass in the last link's frame)")

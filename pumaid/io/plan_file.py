@@ -21,6 +21,7 @@ from pumaid.io.forms import (
     AngleUnit,
     Fault,
     Finite,
+    PayloadForm,
     StrictForm,
     file_name,
     parsed_yaml,
@@ -137,6 +138,7 @@ class RunForm(HoldForm):
         examples=["a speed above 0; the direction follows from `from` and `to`"]
     )
     purpose: Literal["fit", "heldout"] = "fit"
+    payload: PayloadForm | None = None
 
 
 class KnotForm(StrictForm):
@@ -291,7 +293,8 @@ def read_plan(path: Path, robot: Robot) -> Plan:
     motions = []
     for run in form.runs:
         start, end, velocity = (value * scales[run.joint - 1] for value in (run.start, run.end, run.velocity))
-        motions.append(Motion(run.joint, held(run), start, end, velocity, run.purpose))
+        payload = None if run.payload is None else (run.payload.mass, *run.payload.at)
+        motions.append(Motion(run.joint, held(run), start, end, velocity, run.purpose, payload))
     return Plan(
         form.robot or robot.name,
         tuple(motions),
@@ -357,7 +360,9 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
     for motion in plan.motions:
         scale = scales[motion.joint - 1]
         ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
+        mass, *at = motion.payload or [0.0]
         runs.append(head(motion) | ends | {"purpose": motion.purpose})
+        runs[-1] |= {"payload": {"mass": mass, "at": at}} if motion.payload else {}
     return {
         "kind": "plan",
         "format": 1,

@@ -20,7 +20,9 @@ from pumaid.io.forms import (
     ArmForm,
     Fault,
     Finite,
+    PayloadForm,
     StrictForm,
+    Vector,
     Words,
     arm_of,
     check,
@@ -136,7 +138,6 @@ GearRatio = Annotated[
 ]
 Radius = Annotated[Finite, Field(gt=0, le=LONGEST_LINK)]
 Triple = Annotated[tuple[Length, Length, Length], AS_LIST]
-Vector = Annotated[tuple[Finite, Finite, Finite], AS_LIST]
 Link = Annotated[
     int,
     Field(strict=True),
@@ -244,13 +245,6 @@ class SafetyForm(StrictForm):
     )
     margin: Annotated[Finite, Field(ge=0, le=1)] = 0.02
     ignore: list[Annotated[tuple[Link, Link], AS_LIST]] = like("[[4, 6]], pairs of links", default=[])
-
-
-class PayloadForm(StrictForm):
-    """A known load on the last link."""
-
-    mass: Annotated[Finite, Field(ge=0.0, le=1e5)] = like("0.5   (kg)")
-    at: Vector = like("[0.1, 0, 0]   (m, its centre of mass in the last link's frame)")
 
 
 class RecipeForm(StrictForm):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from command import run
+from command import answer, run
 from free_motion import reach, recorded, waves
 
 import pumaid
@@ -184,3 +184,24 @@ def test_a_model_without_constants_says_that_it_leaves_a_load_out(bench):
     run("identify", bench / "logs/mass_0.csv", "--recipe", bench / "recipe.yaml", "-o", bench / "bare.json")
     words = ("compare", bench / "bare.json", bench / "logs/mass_2.csv", "--recipe", bench / "recipe.yaml")
     assert "without the known load" in run(*words, "--trust").stderr
+
+
+def test_a_plan_says_which_of_its_runs_carried_a_load(bench):
+    """By the order of runs that are planned with and without it; where some are lost it is refused."""
+    loads = {"mass_1.csv": "{mass: 0.1, at: [0.14, 0, 0]}", "mass_2.csv": "{mass: 0.2, at: [0.14, 0, 0]}"}
+    files = "".join(f"  {name}: {{payload: {load}}}\n" for name, load in loads.items())
+    (bench / "recipe.yaml").write_text(f"{ROD}files:\n{files}")
+    by_file = answer(f"identify {bench / 'logs'}")
+    (bench / "recipe.yaml").write_text(ROD)
+    lines = [
+        f"  - {{joint: 1, hold: [0], from: {-way * 1.8}, to: {way * 1.8}, velocity: {speed}{load}}}\n"
+        for load in ("", *(f", payload: {load}" for load in loads.values()))
+        for speed in (1.0, 1.5, 2.0, 2.5) * 2
+        for way in (1, -1)
+    ]
+    (bench / "plan.yaml").write_text("kind: plan\nformat: 1\nruns:\n" + "".join(lines))
+    by_plan = answer(f"identify {bench / 'logs'}")
+    assert by_plan["joints"] == by_file["joints"] and "torque_constant.j1" in str(by_plan["joints"])
+    assert "plan-payload" in run("simulate", bench / "recipe.yaml", "-o", bench / "virtual", code=3).stderr
+    (bench / "logs" / "mass_1.csv").unlink()
+    assert "payload-unclear" in run("identify", bench / "logs", code=3).stderr

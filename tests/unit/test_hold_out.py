@@ -13,6 +13,7 @@ from pumaid.preprocessing.hold_out import hold_out, match_with_plan
 from pumaid.simulation import Bench, table1
 from pumaid.trajectory import Motion, Plan
 
+ROBOT = table1.puma560().robot
 HOLD = (0.0, -1.5, 0.5, 0.0, 0.0, 0.0)
 OTHER = (0.0, -1.5, 0.9, 0.0, 0.0, 0.0)
 PLAN = Plan(
@@ -35,7 +36,7 @@ def planned() -> Dataset:
 def test_heldout_runs_are_marked_and_no_others():
     """Posture, speed and direction decide, not the order."""
     shuffled = Dataset(tuple(reversed(planned().runs)))
-    found = match_with_plan(shuffled, PLAN)
+    found = match_with_plan(shuffled, PLAN, ROBOT)
     assert [run.heldout for run in found.runs] == [True, True, False, False]
     assert found.notes == ()
 
@@ -56,22 +57,22 @@ def test_a_run_may_differ_a_little(changes, is_marked):
     run = planned().runs[2]
     if "posture" in changes:
         changes = {"posture": run.posture + np.array([0.0, 0.0, 0.0, changes["posture"], 0.0, 0.0])}
-    assert match_with_plan(Dataset((replace(run, **changes),)), PLAN).runs[0].heldout is is_marked
+    assert match_with_plan(Dataset((replace(run, **changes),)), PLAN, ROBOT).runs[0].heldout is is_marked
 
 
 def test_missing_runs_are_told():
     """Planned motions of which the logs have no run are counted and named; a repeat that lacks its run is one."""
-    (note,) = match_with_plan(Dataset(planned().runs[:2]), PLAN).notes
+    (note,) = match_with_plan(Dataset(planned().runs[:2]), PLAN, ROBOT).notes
     assert note.slug == "plan-run-missing"
     assert "2 of 4 planned runs" in note.text and "run 3 (joint 2 up)" in note.text
     twice = replace(PLAN, motions=(*PLAN.motions, PLAN.motions[0]))
-    assert "1 of 5 planned runs" in match_with_plan(planned(), twice).notes[0].text
+    assert "1 of 5 planned runs" in match_with_plan(planned(), twice, ROBOT).notes[0].text
 
 
 def test_unplanned_runs_are_fitted():
     """Runs that nobody planned stay in the fit."""
     stray = replace(planned().runs[0], joint=4, posture=np.array([0.0, -1.5, 0.5, np.nan, 0.0, 0.0]))
-    found = match_with_plan(Dataset((*planned().runs, stray)), PLAN)
+    found = match_with_plan(Dataset((*planned().runs, stray)), PLAN, ROBOT)
     assert [run.heldout for run in found.runs] == [False, False, True, True, False]
     assert found.notes == ()
 
@@ -79,11 +80,11 @@ def test_unplanned_runs_are_fitted():
 def test_parts_of_a_motion_are_all_marked():
     """A run that was cut in two is held out in both parts; over half of the span it counts for the whole motion."""
     parts = tuple(replace(planned().runs[2], span=span) for span in ((-0.9, -0.1), (0.1, 0.9)))
-    assert [run.heldout for run in match_with_plan(Dataset(parts), PLAN).runs] == [True, True]
+    assert [run.heldout for run in match_with_plan(Dataset(parts), PLAN, ROBOT).runs] == [True, True]
     plan = replace(PLAN, motions=(Motion(2, HOLD, -1.0, 1.0, 0.5), Motion(2, HOLD, 0.0, 1.0, 0.5)))
     half = replace(planned().runs[0], span=(0.1, 0.9))
-    assert match_with_plan(Dataset((half, half)), plan).notes == ()
-    assert "1 of 2 planned runs" in match_with_plan(Dataset((half,)), plan).notes[0].text
+    assert match_with_plan(Dataset((half, half)), plan, ROBOT).notes == ()
+    assert "1 of 2 planned runs" in match_with_plan(Dataset((half,)), plan, ROBOT).notes[0].text
 
 
 NAMES = ["logs/day1/a.csv", "logs/day1/b.csv", "logs/day2/a.csv"]

@@ -14,7 +14,7 @@ import rich_click as click
 
 from pumaid.cli import options
 from pumaid.cli.output import document, notes, progress, remark, say, show, spare_inputs, write_result
-from pumaid.errors import PumaidError, ResultError, Where, listed, meant
+from pumaid.errors import ModelError, PumaidError, ResultError, Where, listed, meant
 
 if TYPE_CHECKING:
     from pumaid.experiment import Experiment
@@ -360,6 +360,9 @@ def simulate(
     robot = experiment.robot
     read = plan_file.read_plan(runs or experiment.folder / plan_file.PLAN_NAME, robot)
     notes(note for note in read.notes if note.slug == "plan-other-robot")
+    if any(motion.payload for motion in read.motions):
+        mend = "simulate the loaded runs apart, by a recipe whose robot has the load"
+        raise ModelError("plan-payload", "runs of this plan carry loads, which no virtual robot takes up", mend=mend)
     virtual = _virtual_robot(robot, hide=hide, noise=noise, seed=seed)
     logs = session.simulate(robot, read, seed=seed, truth=virtual, has_velocity=not no_velocity, **logging)
     with progress("simulating", total=read.duration or None) as step:
