@@ -25,7 +25,9 @@ from pumaid.experiment import LOGS, MODEL, Experiment
 from pumaid.exports import Exported, export
 from pumaid.reporting.diagnosis import diagnosis_parts
 from pumaid.reporting.documents import parameters_frame
+from pumaid.reporting.table import renamed
 from pumaid.reporting.tables import combination_table, comparison_table, parameter_table
+from pumaid.reporting.text import current_unit
 from pumaid.results.documents import write_model
 from pumaid.robot import Robot
 
@@ -143,8 +145,8 @@ class Arm:
 class Answer:
     """A record that prints as the command line's tables (`parts`); its fields are the record's."""
 
-    def __init__(self, record: Any, parts: Iterable[Any]) -> None:
-        self.record, self._parts = record, [part for part in parts if part is not None]
+    def __init__(self, record: Any, parts: Iterable[Any], unit: str) -> None:
+        self.record, self._parts = record, [renamed(part, unit) for part in parts if part is not None]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.__dict__["record"], name)
@@ -165,7 +167,8 @@ class Identified(Answer):
     """An identified model, with its `arm` and the `dataset` that it is held against where no other logs are named."""
 
     def __init__(self, estimate: Estimate, robot: Robot, dataset: Dataset, *, arm: Arm) -> None:
-        super().__init__(estimate, [parameter_table(estimate, robot), combination_table(estimate)])
+        self.unit = current_unit(estimate.notes)
+        super().__init__(estimate, [parameter_table(estimate, robot), combination_table(estimate)], self.unit)
         self.robot, self.dataset, self._arm = robot, dataset, arm
 
     def __getitem__(self, name: str) -> Value:
@@ -184,14 +187,14 @@ class Identified(Answer):
     def compare(self, logs: Logs | None = None, **options: Any) -> Answer:
         """The model against some logs (by default those that it is fitted to), as `Comparison`."""
         comparison = compare(self.record, self._runs(logs, options), self.robot)
-        return Answer(comparison, [comparison_table(comparison, self.robot)])
+        return Answer(comparison, [comparison_table(comparison, self.robot)], self.unit)
 
     def diagnose(self, logs: Logs | None = None, **options: Any) -> Answer:
         """Which physical effect the model misses, as `Diagnosis`."""
         from pumaid.diagnosis.diagnose import diagnose
 
         diagnosis = diagnose(self.record, self._runs(logs, options), self.robot)
-        return Answer(diagnosis, diagnosis_parts(diagnosis, self.robot))
+        return Answer(diagnosis, diagnosis_parts(diagnosis, self.robot), self.unit)
 
     def plot(self, name: str = "", *, units: str = "rad") -> Drawing:
         """The first figure of the report whose name begins so (``"residual_j2"``, ``"spent"``); angles in `units`.

@@ -32,6 +32,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "permille": ("current", 1e-3),
     "degC": ("temperature", 1.0),
 }
+#: How the note begins that says what currents are, where they are not in A.
+CURRENTS_IN = "currents are in "
 #: Standard deviations from which they are not counted.
 CERTAIN = 100
 

@@ -24,26 +24,29 @@ def remark(text: str) -> None:
 
 def notes(several: Iterable[Note]) -> None:
     """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
-    from pumaid.reporting.text import merge_notes
+    from pumaid.reporting.table import renamed
+    from pumaid.reporting.text import current_unit, merge_notes
 
-    for line in dict.fromkeys(visible(str(note)) for note in merge_notes(several)):
+    merged = merge_notes(several)
+    for line in dict.fromkeys(visible(renamed(str(note), current_unit(merged))) for note in merged):
         head, _, rest = line.partition("]: ")
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 
 
-def show(*parts: Any) -> None:
+def show(*parts: Any, unit: str = "A") -> None:
     """Tables and paragraphs, those that are there, on standard output, with an empty line between them.
 
     Parts in a list have none between them. They are as wide as the terminal; in a pipe `WIDTH` characters, uncoloured.
+    Currents are in `unit`.
     """
     from rich.console import Console, Group
 
-    from pumaid.reporting.table import WIDTH
+    from pumaid.reporting.table import WIDTH, renamed
 
     console = Console(file=sys.stdout, highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDTH
-    for number, part in enumerate(part for part in parts if part is not None):
+    for number, part in enumerate(renamed(part, unit) for part in parts if part is not None):
         if number:
             say()
         if isinstance(part, str):

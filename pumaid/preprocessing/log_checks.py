@@ -29,7 +29,7 @@ from pumaid.preprocessing.joint_signals import (
     signals_of,
 )
 from pumaid.preprocessing.log_statistics import LogStatistics
-from pumaid.units import factor, number
+from pumaid.units import CURRENTS_IN, factor, number
 
 #: What a test yields: figures of the message, and `joint` (from 1) where it is one joint's, `fault` where not the rule.
 Found = Iterator[dict[str, Any]]
@@ -42,7 +42,7 @@ BEYOND = 1.5
 FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
 STILL_TIME, UNEQUAL = 0.5, 2.0
-#: What results mean by A where the unit of currents is another.
+#: What currents are in where their unit is another.
 SHOWN = {"Nm": "N m", "mNm": "N m", "percent": "rated torque", "permille": "rated torque", "raw": "counts"}
 #: A; what motors of arms draw at most is more.
 SMALL = 0.02
@@ -306,7 +306,7 @@ OTHER_CHECKS = (
           "{perhaps}positions and currents are in different orders: put {pairs} into one order"),
     Check("unit-shown",
           lambda sums: ({"shown": SHOWN[unit]} for unit in {sums.robot.log.units.get("current", "A")} & {*SHOWN}),
-          "currents are not in A: where results say A, read {shown}", ""),
+          f"{CURRENTS_IN}{{shown}}; JSON and files of tables, figures and code say A for it", ""),
     Check("unit-shown", _first(lambda j: j.is_measured and "current" not in j.sums.robot.log.units
           and any(word in j.sums.robot.log.current.lower() for word in ("effort", "load"))),
           "{j.sums.robot.log.current} is read as A, and drivers write N m, A, mA or a share of a rated torque there: "

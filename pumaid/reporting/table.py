@@ -8,7 +8,7 @@ import io
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -27,6 +27,9 @@ NARROW, LONG_WORD = 14, 24
 #: Tone of a cell -> its style on a terminal: plain, not distinguishable from zero, not identifiable, no such
 #: quantity, above what noise explains.
 TONES = {"": "", "weak": "dim", "unknown": "yellow", "absent": "dim", "alarm": "red"}
+
+#: The unit A behind a number, in brackets or alone, not the article.
+_AMPERE = re.compile(r"(?<=\d )A\b|(?<=/)A(?=\d?\b)|(?<![\w.])A(?=[)</]|$| s(?![a-z]))")
 
 _LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
@@ -213,6 +216,21 @@ def environment() -> Any:
     )
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return made
+
+
+def renamed(part: Any, unit: str) -> Any:
+    """A text, table or paragraph, also of a list or mapping, that says another unit of currents where it says A."""
+    if unit == "A":
+        return part
+    if isinstance(part, str):
+        return _AMPERE.sub(unit, part)
+    if isinstance(part, list | tuple):
+        return [renamed(item, unit) for item in part]
+    if isinstance(part, dict):
+        return {key: renamed(item, unit) for key, item in part.items()}
+    if isinstance(part, Table | Paragraph | Cell):
+        return replace(part, **{field.name: renamed(getattr(part, field.name), unit) for field in fields(part)})
+    return part
 
 
 def _tex(text: str) -> str:

@@ -20,7 +20,7 @@ from pumaid.estimation.evaluate import Budget, BudgetPart, JointScore
 from pumaid.maths import by_key
 from pumaid.results.history import Rung, effect_words
 from pumaid.robot import Robot
-from pumaid.units import factor, number
+from pumaid.units import CURRENTS_IN, factor, number
 
 #: Decimals beyond which a power of ten is easier to read.
 MOST_DECIMALS = 7
@@ -123,6 +123,12 @@ def in_unit(unit: str, angle: str) -> tuple[float, str]:
         return 1.0, unit
     above, below = (sum(int(power or 1) for power in _ANGLE.findall(part)) for part in unit.partition("/")[::2])
     return factor("deg") ** (below - above), _ANGLE.sub(r"deg\1", unit)
+
+
+def current_unit(notes: Iterable[Note]) -> str:
+    """The unit of currents by the notes on their logs."""
+    words = (note.text.removeprefix(CURRENTS_IN) for note in notes if note.text.startswith(CURRENTS_IN))
+    return next((word.partition(";")[0] for word in words), "A")
 
 
 def percent(share: float | None) -> str:

@@ -236,7 +236,7 @@ def test_currents_in_counts_are_refused_until_a_recipe_says_so(tmp_path: Path) -
     assert error.slug == "units-disagree" and "whole numbers" in error.what
     assert "units: {current: raw}" in error.mend
     (note,) = ingest([path], robot("log: {units: {current: raw}}\n")).notes
-    assert "where results say A, read counts" in note.text
+    assert "currents are in counts" in note.text
     assert not ingest([path], robot("log: {current: {column: 'i{joint}', scale: 0.005}}\n")).notes
 
 
@@ -415,7 +415,7 @@ def test_thousandths_that_names_tell(tmp_path: Path) -> None:
         log = read(path, robot())
         assert log.velocity is not None and np.abs(log.velocity - 1e-3 * speed).max() < 1e-9
         assert np.abs(log.position - q).max() < 1e-9 and np.abs(log.current - current).max() <= 0.501e-3
-        assert any(f"read {shown}" in note.text for note in ingest([path], robot()).notes)
+        assert any(f"in {shown};" in note.text for note in ingest([path], robot()).notes)
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
@@ -609,7 +609,7 @@ def test_efforts_without_a_unit_are_told_as_what_they_are_taken(tmp_path: Path) 
     for unit in ("effort: current", "units: {current: A}"):
         assert not ingest([path], robot(f"{block}, {unit}}}\n")).notes
     (note,) = ingest([path], robot(f"{block}, effort: torque}}\n")).notes
-    assert "read N m" in note.text
+    assert "in N m" in note.text
 
 
 def test_a_note_on_loads_shows_the_lines_that_state_them(tmp_path: Path) -> None:

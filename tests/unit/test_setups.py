@@ -130,3 +130,23 @@ def test_an_arm_whose_joints_cannot_bear_weight_is_not_asked_for_it(tmp_path):
     np.savetxt(tmp_path / "logs" / "a.csv", table, delimiter=",", header="t,q1,q2,q3,i1,i2,i3", comments="")
     told = invoke("identify", str(tmp_path / "logs"))
     assert told.exit_code == 0 and "weight-missing" not in told.stderr and "lies level" not in told.stdout
+
+
+def test_results_say_the_unit_of_currents_that_are_torques(tmp_path):
+    """No table, sentence or axis of the page says A; numbers are those of amperes."""
+    arm = make(tmp_path / "arm")
+    (arm / "recipe.yaml").write_text(f"{(arm / 'recipe.yaml').read_text()}\nlog: {{units: {{current: Nm}}}}\n")
+    logs, model = str(arm / "logs"), str(arm / "results" / "model.json")
+    texts = [
+        invoke(*words).stdout
+        for words in (
+            ("identify", logs),
+            ("compare", model, logs),
+            ("diagnose", model, logs),
+            ("history", str(arm)),
+        )
+    ]
+    assert invoke("report", model, logs).exit_code == 0
+    texts.append(re.sub(r"(?s)<(script|style).*?</\1>", "", (arm / "results" / "report.html").read_text()))
+    for text in texts:
+        assert "N m" in text and re.findall(r".*(?:\(A\b|\d A\b|\bA s/).*", text) == []

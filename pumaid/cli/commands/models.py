@@ -116,6 +116,7 @@ def identify(
     from pumaid.dataset import CONSTANT
     from pumaid.effect_spec import chosen_by
     from pumaid.reporting.tables import combination_table, parameter_table
+    from pumaid.reporting.text import current_unit
     from pumaid.results import documents, history
 
     spare_inputs([output], experiment.files() if output else [])
@@ -135,7 +136,8 @@ def identify(
         document(documents.model_document(estimate))
     else:
         sums = combination_table(estimate)
-        show(parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3]))
+        tables = parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3])
+        show(*tables, unit=current_unit(estimate.notes))
     if str(output) != "-":
         words = shlex.join(["pumaid", "diagnose", str(path), *typed_words(experiment, effect_files())])
         remark(f"model written to {path}; next: {words}")
@@ -172,7 +174,8 @@ def compare(
     else:
         count = min(worst, len(comparison.runs))
         worst_runs = tables.worst_runs_table(comparison, robot, count=count, units=units) if count else None
-        show(tables.comparison_table(comparison, robot), tables.budget_table(comparison, robot), worst_runs)
+        parts = tables.comparison_table(comparison, robot), tables.budget_table(comparison, robot), worst_runs
+        show(*parts, unit=text.current_unit(estimate.notes))
     return check and any(text.is_above_floor(score.rmse, score.noise_floor) for score in comparison.joints)
 
 
@@ -215,6 +218,7 @@ def diagnose(
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
     from pumaid.reporting.diagnosis import diagnosis_parts
     from pumaid.reporting.tables import history_table
+    from pumaid.reporting.text import current_unit
     from pumaid.results.history import ladder_of
 
     is_quiet, is_written = as_json or str(output) == "-", str(output) != "-"
@@ -222,15 +226,15 @@ def diagnose(
     current = folder / "model.json" if is_applied else None
     path = output or folder / DIAGNOSIS_NAME
     spare_inputs(places, experiment.files(model, current) if any(places) else [], new=() if force else (plan,))
-    diagnosis = diagnosed(model, experiment, suspect, current=current, is_quiet=is_quiet)
-    robot = experiment.robot
+    diagnosis, robot = diagnosed(model, experiment, suspect, current=current, is_quiet=is_quiet), experiment.robot
     if is_written:
         write_diagnosis(path, diagnosis)
     if is_quiet:
         document(diagnosis_document(diagnosis))
     else:
         steps = ladder_of(current) if current is not None and diagnosis.applied else None
-        show(["", history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units))
+        parts = ["", history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units)
+        show(*parts, unit=current_unit(experiment.model(model).notes))
     if is_written:
         remark(f"diagnosis written to {path}")
     if picture is not None:

@@ -121,6 +121,8 @@ def history(*, folder: Path, results: Path | None, restore: int | None, as_json:
       pumaid history --json | jq '.ladders[0].models[].rmse'
     """
     from pumaid.reporting import documents, tables
+    from pumaid.reporting.table import renamed
+    from pumaid.reporting.text import current_unit
     from pumaid.results import history as archive
 
     is_results = (folder / "models").is_dir() or folder.name == "results"
@@ -132,7 +134,8 @@ def history(*, folder: Path, results: Path | None, restore: int | None, as_json:
     if as_json:
         document(documents.history_document(models), "history")
     else:
-        show(*map(tables.history_table, models.ladders))
+        units = [current_unit(ladder.rungs[-1].estimate.notes) for ladder in models.ladders]
+        show(*map(renamed, map(tables.history_table, models.ladders), units))
 
 
 @click.command()

@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,7 +21,7 @@ from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure, skeleton_
 from pumaid.reporting.figures.model import ReportContext
 from pumaid.reporting.figures.style import DARK, INLINE, Drawing
 from pumaid.reporting.run_tables import axes_table, rejection_table, runs_by_joint_table
-from pumaid.reporting.table import Table, environment
+from pumaid.reporting.table import Table, environment, renamed
 from pumaid.results.history import Rung
 
 __all__ = ["ReportContext", "Section", "all_contents", "all_figures", "page", "report_files"]
@@ -254,9 +255,11 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
         Markup(templates.get_template(f"{section.name}.html").render(content, figure=figure))
         for section, content in contents
     ]
-    return templates.get_template("page.html").render(
+    whole = templates.get_template("page.html").render(
         robot=robot, sections=[section for section, _ in contents], parts=parts, version=__version__, dark=DARK
     )
+    unit, pieces = text.current_unit(context.estimate.notes), re.split(r"(<script.*?</script>)", whole, flags=re.DOTALL)
+    return "".join(piece if piece.startswith("<script") else renamed(piece, unit) for piece in pieces)
 
 
 def report_files(context: ReportContext, forms: Sequence[str]) -> Iterator[tuple[str, bytes]]:

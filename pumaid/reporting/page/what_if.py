@@ -11,7 +11,8 @@ from pumaid.estimation.evaluate import JointPrediction, predictions
 from pumaid.maths import Flags, Floats
 from pumaid.model import INERTIA, Model, loads_at
 from pumaid.reporting.page import Content, ReportContext, Section
-from pumaid.reporting.text import in_unit, joint_title, posture_text
+from pumaid.reporting.table import renamed
+from pumaid.reporting.text import current_unit, in_unit, joint_title, posture_text
 from pumaid.robot import worded
 
 #: Of a joint: most numbers that are drawn, to so many steps; most bins, groups of runs, and fewest runs of each.
@@ -21,7 +22,8 @@ MOST_NUMBERS, STEPS, MOST_BINS, MOST_GROUPS, FEWEST_RUNS = 18_000, 2999, 1500, 3
 def what_if(context: ReportContext) -> Content | None:
     """All that the script needs, joint by joint; None where there is no run."""
     joints = predictions(context.estimate, context.dataset, context.robot).values()
-    return {"joints": [_joint(context, part) for part in joints]} if joints else None
+    unit = current_unit(context.estimate.notes)
+    return {"joints": renamed([_joint(context, part) for part in joints], unit), "unit": unit} if joints else None
 
 
 def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:

@@ -99,7 +99,7 @@
   }
 
   const digits = (value) => (value && Math.abs(value) < 1e-3 ? value.toExponential(4) : String(Number(value.toPrecision(5))));
-  const amperes = (value) => `${value.toPrecision(4)} A`;
+  const amperes = (value) => `${value.toPrecision(4)} ${currentUnit}`;
 
   function slider(p) {
     const { name, unit: [scale, unit], ...parameter } = joint.parameters[p], shown = (value) => scale * value;
@@ -223,7 +223,7 @@
     const dots = (colour) => ({ stroke: colour, paths: () => null, points: { show: true, size: 4, width: 0, fill: colour } });
     const axis = (label, more) => ({ stroke: text, grid: { stroke: ink("--line"), width: 1 }, ticks: { show: false },
       label, labelSize: 22, labelFont: "13px system-ui, sans-serif", font: "12px system-ui, sans-serif", ...more });
-    plots = [["current", "current (A)", 300, lines, []], ["residual", "residual (A)", 220, zero, []]].map(
+    plots = [["current", `current (${currentUnit})`, 300, lines, []], ["residual", `residual (${currentUnit})`, 220, zero, []]].map(
       ([name, label, height, drawn], n) => {
         const hooks = { setCursor: [(plot) => plot === plots.find((p) => p.root.matches(":hover")) && pointed(plot, name)] };
         hooks[n ? "drawAxes" : "draw"] = [drawn];
