@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -58,7 +59,7 @@ SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
 MOVED = 0.1
 #: Looks at most, since what one adds the next may drop, and so on without end. Candidates looked at closely at a time.
 #: Effects that runs held out may deny before what is left is called unexplained.
-MOST_LOOKS, LEADERS, MOST_DENIED = 40, 10, 4
+MOST_LOOKS, LEADERS, MOST_DENIED = 40, 10, 12
 #: Share of a score that effects of other joints may make, so that all are added at one look. Phase (rad) of a wave over
 #: a bin beyond which the mean over the bin blunts it.
 APART, FASTEST = 0.05, 1.0
@@ -300,7 +301,8 @@ class Stepwise:
             self.denied += refused
             self.accepted = [item for item in self.accepted if item not in refused]
             self.added = [*self.given, *(item.trial.added for item in self.accepted)]
-            self._exchange()
+            with suppress(ModelError):  # without them the fit goes astray
+                self._exchange()
 
     def _climb(self) -> Fit:
         """Add until nothing passes."""
@@ -310,12 +312,14 @@ class Stepwise:
             self.steps.append(step)
             if step.chosen is None or len(self.steps) > MOST_LOOKS:
                 return step.scan.solved
-            before, new = (list(self.added), list(self.accepted)), (step.chosen, *step.beside)
-            self.added += [item.trial.added for item in new]
-            self.accepted += new
-            try:
-                self._exchange(new)
-            except ModelError:  # with it the fit goes astray
+            before = list(self.added), list(self.accepted)
+            for new in ((step.chosen, *step.beside), (step.chosen,)):
+                self.added = [*before[0], *(item.trial.added for item in new)]
+                self.accepted = [*before[1], *new]
+                with suppress(ModelError):  # with it the fit goes astray
+                    self._exchange(new)
+                    break
+            else:
                 self.added, self.accepted = before
                 return step.scan.solved
 
@@ -400,7 +404,8 @@ class Stepwise:
                 if likeliest.key not in [candidate.key for candidate in out]:
                     out.append(replace(likeliest, p_value=item.p_value, rivals=rivals))
         except ModelError:
-            return self._named(leading[:1], evaluated, added) if len(leading) > 1 else []
+            parts = (leading[:1], leading[1:]) if len(leading) > 1 else ()
+            return next((named for part in parts if (named := self._named(part, evaluated, added))), [])
         return out
 
     def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:
