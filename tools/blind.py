@@ -2,7 +2,7 @@
 
     python tools/blind.py run RESULTS.jsonl [--seeds 1] [--clean 200] [--jobs 2]
     python tools/blind.py run RESULTS.jsonl --busy 60 --first-seed 1000 [--jobs 2]
-    python tools/blind.py report RESULTS.jsonl
+    python tools/blind.py report RESULTS.jsonl [-o docs/img/forecasts.png]
 
 A run writes a line an experiment and may be cut at any time: what stands in the file is not run again. Cases come in a
 fixed order that mixes all groups, so that a cut run is a fair sample of the whole. Seeds below 1000 are for
@@ -21,7 +21,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from blind_world.busy_tables import busy_page
+from blind_world.busy_tables import busy_page, draw_forecasts
 from blind_world.case import BUSY, Case, busy_cases, cases
 from blind_world.score import judged
 from blind_world.tables import page
@@ -67,6 +67,7 @@ def main() -> None:
     parser.add_argument("--busy", type=int, default=0, help="busy arms, in place of all others")
     parser.add_argument("--first-seed", type=int, default=1, help="of the busy arms")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("-o", "--output", type=Path, help="where the figure of the forecasts of busy arms goes")
     options = parser.parse_args()
     if options.command == "run":
         run(options)
@@ -74,6 +75,8 @@ def main() -> None:
         records = read(options.results)
         is_busy = any(record["group"] == BUSY for record in records)
         print(busy_page(records) if is_busy else page(records), end="")
+        if options.output:
+            draw_forecasts([record for record in records if record["outcome"] == "done"], options.output)
 
 
 if __name__ == "__main__":

@@ -291,7 +291,7 @@ def planning(options: argparse.Namespace) -> Iterator[str]:
 def through_logs(arm: Robot, motions: Plan, seed: int) -> Estimate:
     """One experiment on the robot of Table I, through its logs; held-out runs are not fitted."""
     logs = simulate(arm, motions, truth=replace(table1.puma560(), robot=arm), seed=seed, rate=100.0)
-    return identify(match_with_plan(segment(logs, arm), motions), replace(arm, effects=()))
+    return identify(match_with_plan(segment(logs, arm), motions, arm), replace(arm, effects=()))
 
 
 def _values(arm: Robot, motions: Plan, seed: int) -> dict[str, float]:

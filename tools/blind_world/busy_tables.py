@@ -1,7 +1,9 @@
 """The page of busy arms, as Markdown: effects, joints and forecasts of all experiments."""
 
 from collections import Counter
+from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from blind_world.busy import DESIGNS, SIZES
@@ -92,3 +94,21 @@ def by_effect(records: list[Record]) -> list[str]:
             cells.append(" / ".join(str(counts[answer]) for answer in ANSWERS))
         lines.append(row(f"`{name}`", *cells))
     return lines
+
+
+def draw_forecasts(records: list[Record], path: Path) -> None:
+    """What was told of each addition against what came: in the runs held out, and in the same motion made again."""
+    told, errors, came, fresh = np.array(
+        [[item["told"], item["error"] or 0.0, item["came"], item["fresh"]] for r in records for item in r["forecasts"]]
+    ).T
+    fig, both = plt.subplots(1, 2, figsize=(9, 4.4), layout="constrained", sharex=True, sharey=True)
+    ends = np.array([0.8 * min(told.min(), came.min()), 1.25 * max(told.max(), came.max())])
+    names = ("runs that were held out", "the same motion made again")
+    for ax, name, there in zip(both, names, (came, fresh), strict=True):
+        ax.fill_between(ends, (1.0 - NEAR) * ends, (1.0 + NEAR) * ends, color="#0072b2", alpha=0.2, lw=0)
+        ax.errorbar(there, told, yerr=errors, fmt="o", ms=3.5, lw=0.8, color="#222222")
+        near = int(np.sum(np.abs(told / there - 1.0) <= NEAR))
+        ax.set(xscale="log", yscale="log", xlim=ends, ylim=ends, xlabel=f"RMSE that came, A: {name}")
+        ax.set_title(f"{near} of {len(told)} within {100 * NEAR:.0f} %", fontsize=10)
+    both[0].set_ylabel("RMSE told before adding, A")
+    fig.savefig(path, dpi=110)
