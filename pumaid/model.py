@@ -165,6 +165,7 @@ class Model:
         self.owners = np.array([column.owner for column in self.columns], dtype=int)
         self.is_scaled = np.array([column.scope is Scope.LINK for column in self.columns], dtype=bool)
         self.is_weight = np.array([column.effect == "gravity" for column in self.columns], dtype=bool)
+        self.is_geared = np.array([not name.startswith("rotor.") for name in self.names], dtype=bool)
         self.is_load = self.is_weight | self.is_scaled & [column.effect == KNOWN_LOAD for column in self.columns]
 
     def with_effects(self, effects: Sequence[EffectTerm]) -> "Model":
@@ -389,7 +390,7 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
     moving, weights = load[:, 0], np.nan_to_num(model.factors(scales, bins.joint)) * solution
     if bins.rigid_body is not None and model.is_dynamic:
-        torque = np.repeat(bins.rigid_body @ weights[model.inertial], times)
+        torque = np.repeat(bins.rigid_body @ (weights * model.is_geared)[model.inertial], times)
         moving = np.where(np.isfinite(torque), torque, moving)
     if model.scaled:
         moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)

@@ -548,3 +548,17 @@ def test_loads_at_the_bins_of_runs_are_the_loads(name, joint):
     theirs = loads(model, samples, solution=solution, scales=scales)
     for part in ("moving", "by_joint", "slopes", "tilts", "across", "drawn", "gains"):
         np.testing.assert_allclose(getattr(ours, part), getattr(theirs, part), atol=1e-11, err_msg=part)
+
+
+def test_the_gear_of_a_joint_in_motion_does_not_bear_its_rotor():
+    """Of what a block's rigid body asks of joint 3, its load has every column but that of its rotor."""
+    model, rng, still = Model(table1.robot(), is_dynamic=True), np.random.default_rng(3), np.zeros((40, 6))
+    asked, solution = rng.standard_normal((40, len(model.inertial))), rng.standard_normal(len(model.names))
+    bins = JointBins(
+        *(3, (), Samples(3, still, still, np.zeros(40), np.ones(40)), *np.ones((3, 40))),
+        *(np.zeros(1, dtype=int), np.ones(1), asked),
+    )
+    turned = np.array(["rotor" in model.names[n] for n in model.inertial])
+    assert turned.any()
+    found = loads_at(model, bins, solution=solution, scales=np.ones((6, 6)))
+    np.testing.assert_allclose(found.moving, asked[:, ~turned] @ solution[model.inertial[~turned]])
