@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.diagnosis.records import ADD, DOUBTFUL, Finding, Transfer
+from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, Finding, Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, Projector, elsewhere, with_loads
 from pumaid.joint_bins import JointBins
@@ -144,7 +144,10 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
     weighed = (drawn2 - 2.0 * float(turned[0] @ sums[0]) + float(turned[0] @ held @ turned[0])) / square**2
     along = (sums[0] - held @ turned[0]) / square
     error = float(np.sqrt(last.scale * (weighed + along @ last.inverse @ along)))
-    return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, -(drawn2 + 2.0 * shared) / last.scale)
+    # Parameters are wrong by chance, too, and with them what these runs lose: as much as that is no loss.
+    chance = float(np.sqrt(last.scale * (drawn2 + sums[0] @ last.inverse @ sums[0])))
+    lost = -(drawn2 + 2.0 * (shared + DENIED * chance)) / last.scale
+    return Transfer(1.0 + (shared - float(sums[0] @ turned[1])) / square, error, lost)
 
 
 def rmse_of(fit: Fit, heldout: Sequence[JointBins]) -> tuple[float, float | None]:

@@ -52,7 +52,7 @@ class Transfer:
     """Share of the current that an effect adds in runs held out which these really show, with its standard error.
 
     One where the effect is what was named; little where something else was taken for it. `lost` is what adding
-    it takes from twice their log likelihood: negative where they are predicted better.
+    it takes from twice their log likelihood beyond what the errors of all parameters may: negative where nothing.
     """
 
     share: float

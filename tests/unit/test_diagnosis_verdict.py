@@ -14,7 +14,7 @@ from pumaid.dataset import Dataset
 from pumaid.diagnosis.cross_validation import confirmed_share, forecast, rmse_of
 from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose, joint_verdict
 from pumaid.diagnosis.free_forms import FORMS, forms, free_form_scores, knot_values, variable
-from pumaid.diagnosis.records import ADD, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
+from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
 from pumaid.diagnosis.score_test import replicate_test
 from pumaid.diagnosis.stepwise import Stepwise, evidence
 from pumaid.effect_spec import EffectTerm
@@ -219,9 +219,9 @@ def test_share_is_that_of_least_squares_over_all_runs():
     weights = inverse[-1][len(fitted.bins) :] / size[-1]
     spread = np.eye(len(row.bins)) + row.jacobian @ solved.inverse @ row.jacobian.T
     assert found.std_error == pytest.approx(np.sqrt(solved.scale * weights @ spread @ weights), rel=1e-4)
-    assert found.lost == pytest.approx(
-        (row.residual @ row.residual - np.sum((row.residual + only) ** 2)) / solved.scale
-    )
+    change = row.residual @ row.residual - np.sum((row.residual + only) ** 2)
+    chance = np.sqrt(solved.scale * only @ spread @ only)
+    assert found.lost == pytest.approx((change - 2.0 * DENIED * chance) / solved.scale)
 
 
 def test_what_is_there_is_seldom_denied_and_what_is_not_always():
