@@ -1,11 +1,12 @@
 """Tests of a candidate: its score beside a fit, the best of the catalogue by sign flips, and what repeats."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
 import numpy as np
+from scipy import special
 
 from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
 from pumaid.diagnosis.records import Repeats
@@ -13,7 +14,7 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects import USUAL, Scope
 from pumaid.estimation.fit import ABSORBED, Fit, Projector
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Floats, by_key, pseudo_inverse
+from pumaid.maths import Counts, Floats, by_key, inverse_root, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum. Least share of an information that is left for a residual where few runs feed many parameters.
@@ -81,6 +82,11 @@ class ScoreTable:
             and effect.scope is Scope.JOINT
             and effect.periodic is None
         }
+
+    @property
+    def tests(self) -> int:
+        """How many shapes and frequencies of all effects were scored."""
+        return len(self.trials) + sum(len(waves.frequency) for waves in self.spectra)
 
     @cached_property
     def leverage(self) -> Floats:
@@ -308,6 +314,63 @@ def alike(scores: Floats) -> float:
     """How many runs that tell as much as one another would make scores (R, m) like these: by their fourth moment."""
     squares = np.sum(scores**2, axis=1)
     return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
+
+
+#: Runs of a joint below which flips of whole runs tell little of effects of any size; then pieces of runs are flipped,
+#: too, so many in all, of so many bins at least. Least share of a score that is left where a piece tells most of it.
+FEW_RUNS, PIECES, A_PIECE, LEAST = 24, 64, 8, 0.25
+
+
+def is_few(on: Fit, joint: int | None) -> bool:
+    """Whether a joint, or any where it is none of those that move, has few runs."""
+    rows = [on.by_bin[joint]] if joint in on.by_bin else on.joints
+    return any(len(row.bins.runs) < FEW_RUNS for row in rows)
+
+
+def beside(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
+    """(N, V) columns of an effect by joint, and (P, V) what of each parameter the fit has in their place."""
+    projector = Projector(on)
+    plain = projector.columns([trial.added])
+    if not plain:
+        return {}, np.zeros((len(on.inverse), trial.width))
+    return plain, on.inverse @ projector.crossed(projector.whitened(plain))
+
+
+def chance_of_pieces(on: Fit, trial: ScoreTest, tests: int) -> float:
+    """Chance that any of so many `tests` shows as much inside runs, pieces of which have noise of their own.
+
+    The level of a run, which its pieces share, is taken out: what only differs from run to run shows nothing here.
+
+    Source
+    ------
+    J. E. Pustejovsky and E. Tipton, J. Bus. Econ. Stat. 36 (2018) 672-683: Hotelling's test of clustered errors.
+    """
+    (plain, turned), acting = beside(on, trial), np.flatnonzero(trial.sizes)
+    scores, grams = list[Floats](), list[Floats]()
+    for row, columns in ((on.by_bin[joint], columns) for joint, columns in plain.items()):
+        bins, noise = row.bins, replace(row.noise, level=np.full(len(row.bins.runs), np.inf))
+        white, residual = noise.whiten(bins, (columns - row.bare @ turned)[:, acting]), noise.whiten(bins, row.misfit)
+        starts = _pieces(bins)
+        scores.append(np.add.reduceat(white * residual[:, None], starts))
+        grams.append(np.add.reduceat(white[:, :, None] * white[:, None, :], starts))
+    if not scores or not len(acting):
+        return 1.0
+    score, gram = np.vstack(scores), np.vstack(grams)
+    total, half = score.sum(axis=0), inverse_root(gram.sum(axis=0))
+    width = half.shape[1]
+    share = np.einsum("pk,npq,qk->n", half, gram, half) / max(width, 1)
+    remaining = (score - gram @ (half @ (half.T @ total))) / np.sqrt(np.maximum(1.0 - share, LEAST))[:, None]
+    freedoms = 1.0 / float(share @ share) - width
+    square = float(total @ pseudo_inverse(remaining.T @ remaining)[0] @ total)
+    ratio = square * freedoms / (width * (freedoms + width - 1.0))
+    return min(1.0, tests * float(special.fdtrc(width, freedoms, ratio))) if freedoms > 1.0 else 1.0
+
+
+def _pieces(bins: JointBins) -> Counts:
+    """First bins of pieces of runs, each run's about as long as the others'."""
+    parts = np.clip(np.round(PIECES * bins.lengths / len(bins)), 1, np.maximum(bins.lengths // A_PIECE, 1))
+    runs = zip(bins.first, bins.lengths, parts.astype(int), strict=True)
+    return np.concatenate([first + length * np.arange(count) // count for first, length, count in runs])
 
 
 #: Sign flips of pairs. Pairs below which nothing can be said.

@@ -18,6 +18,9 @@ from pumaid.diagnosis.score_test import (
     ScoreTable,
     ScoreTest,
     SignFlips,
+    beside,
+    chance_of_pieces,
+    is_few,
     refine_shape,
     score_at,
     score_candidates,
@@ -137,7 +140,7 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
 
 def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
-    (plain, turned), out = _turned(on, trial), dict[int, Floats]()
+    (plain, turned), out = beside(on, trial), dict[int, Floats]()
     for joint, columns in plain.items():
         row = on.by_bin[joint]
         out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
@@ -151,19 +154,10 @@ def drives(on: Fit, trial: ScoreTest) -> bool:
     """
     name, size = f"coulomb.j{trial.added.joint}.", len(on.values) * trial.added.effect.opposes_motion
     way = np.array([(x == f"{name}plus") - 1.0 * (x == f"{name}minus") for x in on.model.names[:size]])
-    turned = way @ _turned(on, trial)[1][:size]
+    turned = way @ beside(on, trial)[1][:size]
     before, after = float(way @ on.values[:size]), float(way @ on.values[:size] - turned @ trial.sizes)
     spread = way @ on.inverse[:size, :size] @ way + turned @ pseudo_inverse(trial.information)[0] @ turned
     return bool(before * after < 0.0 and after**2 > DOUBT**2 * on.scale * spread)
-
-
-def _turned(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
-    """(N, V) columns of an effect by joint, and (P, V) what of each parameter the fit has in their place."""
-    projector = Projector(on)
-    plain = projector.columns([trial.added])
-    if not plain:
-        return {}, np.zeros((len(on.inverse), trial.width))
-    return plain, on.inverse @ projector.crossed(projector.whitened(plain))
 
 
 def covariance_of(candidate: EvaluatedCandidate) -> Floats:
@@ -431,7 +425,7 @@ class Stepwise:
         """
         solved, effect = table.solved, self.periodic
         grid = sorted(table.best().values(), key=lambda trial: -evidence(solved, trial))
-        near = [trial for trial in grid if chances.p_value(trial.added.key, trial.surprise(solved.scale)) <= FAR]
+        near = [trial for trial in grid if _is_near(table, trial.added.key, trial.surprise(solved.scale), chances)]
         lowest = {trial.added.joint: evidence(solved, trial) - DECISIVE for trial in reversed(near)}
         likely = [trial for trial in grid if evidence(solved, trial) >= lowest.get(trial.added.joint, np.inf)]
         leaders = [(trial, solved) for trial in dict.fromkeys([*near, *likely][:LEADERS] or grid[:1])]
@@ -440,7 +434,7 @@ class Stepwise:
             if slow is not None and slow.statistic > waves.statistic().max():
                 continue
             leaders = [leader for leader in leaders if leader[0] is not slow]
-            if effect is None or chances.p_value(waves.key, waves.surprise(solved.scale)) > FAR:
+            if effect is None or not _is_near(table, waves.key, waves.surprise(solved.scale), chances):
                 continue
             frequency = float(waves.frequency[int(np.argmax(waves.statistic()))])
             for kind in (effect, *self.loaded_waves):
@@ -496,7 +490,7 @@ class Stepwise:
             if not tests:
                 return None
             trial = max(tests, key=lambda test: test.statistic)
-        chance = chances.p_value(grid.added.key, grid.surprise(on.scale))
+        chance = self._chance(table, grid, on, trial=trial, chances=chances)
         residuals = misfit_with(on, trial)
         before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
         after = {joint: rmse(on.by_bin[joint].bins, residual) for joint, residual in residuals.items()}
@@ -505,6 +499,14 @@ class Stepwise:
         return EvaluatedCandidate(
             trial, on, chance, evidence(on, trial), falls, before, after, transfer=self._denial(trial.added)
         )
+
+    def _chance(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, trial: ScoreTest, chances: SignFlips) -> float:
+        """Of a candidate among all, by flips of whole runs and, where these are few, of their pieces."""
+        chance = chances.p_value(grid.added.key, grid.surprise(on.scale))
+        if not is_few(on, trial.added.joint):
+            return chance
+        least = 1.0 / (1 + len(chances.largest))
+        return min(1.0, max(least, 2.0 * min(chance, chance_of_pieces(on, trial, table.tests))))
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
@@ -530,8 +532,10 @@ class Stepwise:
             if current in latest:
                 continue
             solved = self.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises)
-            again = score_at(Projector(self._where_it_shows(solved, current)), current)
-            if again is None or chances.p_value(current.key, again.surprise(solved.scale)) > LEVEL:
+            shown = self._where_it_shows(solved, current)
+            again = score_at(Projector(shown), current)
+            scan = self.steps[-1].scan
+            if again is None or self._chance(scan, again, shown, trial=again, chances=chances) > LEVEL:
                 del self.added[place], self.accepted[place - len(self.given)]
                 continue
             tried, joint = candidates(solved, self.effects), current.joint
@@ -543,6 +547,12 @@ class Stepwise:
                 better = self._judged(table, top, solved, chances=chances)
                 if better is not None:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
+
+
+def _is_near(table: ScoreTable, key: Key, surprise: float, chances: SignFlips) -> bool:
+    """Whether a candidate with this `surprise` is worth a close look."""
+    is_loud = is_few(table.solved, key[1]) and 10.0**-surprise * table.tests <= FAR
+    return is_loud or chances.p_value(key, surprise) <= FAR
 
 
 def _is_unmoved(row: FitRow, before: Floats) -> bool:

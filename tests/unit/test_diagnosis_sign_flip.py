@@ -12,8 +12,8 @@ from worlds import PENDULUM
 from pumaid.diagnosis.candidates import candidates, settling
 from pumaid.diagnosis.detection_limits import detection_limits, needed
 from pumaid.diagnosis.records import Limit
-from pumaid.diagnosis.score_test import ScoreTable, SignFlips, score_candidates, sign_flips
-from pumaid.diagnosis.stepwise import Step, Stepwise
+from pumaid.diagnosis.score_test import FEW_RUNS, ScoreTable, SignFlips, chance_of_pieces, score_candidates, sign_flips
+from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.simulation import Hidden
@@ -82,6 +82,23 @@ def test_power_is_not_thrown_away():
     assert sum(alarms) > 0
 
 
+@cache
+def few() -> Lab:
+    """A lever in one posture, nothing repeated."""
+    return Lab.of(LEVER, design(LEVER, postures=1, repeats=1))
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_pieces_of_few_runs_raise_few_alarms(kind):
+    """Of effects chosen beforehand, 30 experiments: p-values below 0.05 in no more than one in twenty."""
+    scans = [clean(few(), kind, seed) for seed in range(30)]
+    assert len(scans[0].leverage) < FEW_RUNS
+    for key in ALONE:
+        alone = [(scan.solved, scan.best()[key]) for scan in scans if key in scan.best()]
+        p_values = np.array([chance_of_pieces(solved, trial, 1) for solved, trial in alone])
+        assert all(np.count_nonzero(p_values <= level) <= most(len(scans), level) for level in (0.05, 0.2))
+
+
 def test_flips_are_what_a_loop_over_flips_gives():
     """Handicaps and the sorted largest, of each candidate's best shape, one flip and one variant after the other."""
     found = clean(pendulum(), "normal", 3)
@@ -116,6 +133,19 @@ def look(lab: Lab, seed: int, added: EffectTerm | None = None, size: float = 0.0
         column = added.linear(lab.model.robot, replace(field.samples, loads=loads))[:, 0]
         search._bins = 2 * [(replace(field, current=field.current + size * column),)]
     return search.look([])
+
+
+def test_pieces_show_what_flips_of_few_runs_cannot():
+    """Springs that draw ten deviations, in eight runs: named, though to flips of whole runs each may be chance."""
+    spring = EffectTerm(catalogue()["spring"], 1, {})
+    scan = look(few(), 0).scan
+    error = float(np.sqrt(scan.solved.scale / scan.best()["spring", 1].information[0, 0]))
+    for seed in (1, 2, 3):
+        step = look(few(), seed, spring, 10.0 * error)
+        trial = step.scan.best()["spring", 1]
+        assert step.family.p_value(trial.added.key, trial.surprise(step.scan.solved.scale)) > LEVEL
+        assert step.chosen is not None and step.chosen.p_value <= LEVEL
+        assert ("spring", 1) in [item.key for item in (step.chosen, *step.chosen.rivals)]
 
 
 def told(step: Step) -> dict:
