@@ -70,14 +70,14 @@ class Ladder:
 
     @property
     def path(self) -> tuple[Rung, ...]:
-        """From the first model to the current one (the last, where none is current), each from the one before."""
+        """From the first model to the current one (the last, where none is current), each with other effects."""
         by_number = {rung.number: rung for rung in self.rungs}
         at: Rung | None = next((rung for rung in self.rungs if rung.is_current), self.rungs[-1])
         path: list[Rung] = []
         while at is not None and at not in path:
             path.append(at)
             at = by_number.get(at.parent or 0)
-        return tuple(reversed(path))
+        return tuple(rung for rung in reversed(path) if rung is path[-1] or rung.added or rung.removed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -190,9 +190,8 @@ def history_figure(ladder: Ladder) -> Drawing:
         )
     axes.set(ylim=(0.0, 1.18 * np.nanmax(values, initial=0.0) or 1.0), xlim=(0, len(path)), ylabel="RMSE (A)")
     labels, room = [], int(LETTERS * HISTORY_WIDTH / len(path))
-    for before, rung in zip((None, *path), path, strict=False):
-        words = changes(rung) if before is None or rung.parent == before.number else ["several steps"]
-        texts = [word.replace("_", " ").replace("@", " @") for word in words] if room >= 8 else []
+    for rung in path:
+        texts = [word.replace("_", " ").replace("@", " @") for word in changes(rung)] if room >= 8 else []
         labels.append("\n".join([str(rung.number), *(textwrap.fill(text, room) for text in texts)]))
     axes.set_xticks(edges[:-1] + 0.5, labels)
     axes.set_title(f"{shortened(ladder.robot)}: error of each model", pad=10)

@@ -5,7 +5,6 @@ import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
@@ -14,7 +13,7 @@ from pumaid import __version__
 from pumaid.diagnosis.records import Finding, JointDiagnosis
 from pumaid.effects import catalogue
 from pumaid.reporting import tables, text
-from pumaid.reporting.diagnosis import diagnosis_blocks, headline
+from pumaid.reporting.diagnosis import diagnosis_blocks, finding_table, headline
 from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, scores_frame
 from pumaid.reporting.figures import model
 from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure, skeleton_figure
@@ -83,6 +82,7 @@ def summary(context: ReportContext) -> Content:
             *text.summary_sentences(context.dataset, context.estimate),
         ],
         "joints": [text.joint_sentence(score, context.robot) for score in scores],
+        "findings": finding_table(context.diagnosis, context.robot) if context.diagnosis else None,
         "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
         "steps": model.history_figure(context.ladder) if context.ladder and len(path) > 1 else None,
     }
@@ -91,7 +91,7 @@ def summary(context: ReportContext) -> Content:
 def progress(path: Sequence[Rung]) -> str:
     """What the steps from the first model to the current one did to the arm's error."""
     first, last = path[0].whole, path[-1].whole
-    words = [word for before, rung in pairwise(path) for word in text.changes(rung) if rung.parent == before.number]
+    words = [word for rung in path[1:] for word in text.changes(rung)]
     falls = [
         f"of {runs} runs from {text.amperes(first[name])} to {text.amperes(last[name])}"
         for runs, name in (("fitted", "rmse"), ("held-out", "heldout"))
