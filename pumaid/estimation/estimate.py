@@ -24,7 +24,7 @@ from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_
 from pumaid.estimation.link_lengths import STEP, length_tests
 from pumaid.estimation.noise import fit_each_run
 from pumaid.estimation.nonlinear import EffectFit, Ends, ShapeLikelihood, fit_effects
-from pumaid.estimation.setups import of_setups, of_weight
+from pumaid.estimation.setups import of_counts, of_setups, of_weight
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Flags, Floats, inverse_root, least_squares
 from pumaid.model import Model
@@ -33,6 +33,8 @@ from pumaid.units import number
 
 #: RMSE over noise beyond which a model misses a joint. Logs of the arm that the model is of are within 1.3 times.
 FAR, FAR_IN_BLOCKS = 2.0, 1.35
+#: Standard errors by which a mean friction is surely more than a current ever was.
+SURELY_MORE = 5.0
 #: Share of a joint's current (RMS) that a misfit must be besides.
 SEEN = 1e-3
 #: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs,
@@ -102,6 +104,9 @@ TEXTS = {
     " they simulated without? Their ratios and inertias are not to be relied on",
     "sign-odd, load": "{name} comes out as {size}, against the sign of friction: is the known load stated for the logs"
     " that carried it, and at the right place?",
+    "offset-odd": "friction of joint {joint} has a mean of both ways of {offset} A, and its current never was more than"
+    " {largest} A: weight and friction take each other away, as where positions are in another unit, gravity points"
+    " elsewhere, or a constant force balances the arm. Neither is to be relied on",
     "effects-not-settled": "the fit with {names} did not converge; two of its effects may be confounded",
     "several-clocks": "the logs have {clocks} clocks: {name} starts its time anew in each",
 }
@@ -269,8 +274,10 @@ def notes_on(
     of_speed = {term.joint for term in effects if term.effect.family is Family.SPEED}
     signs = [] if frictionless else list(of_signs(estimate.values, of_speed))
     wrong_signs = [note for note in signs if note.slug == "sign-odd"]
-    causes = of_setups(fitted, [note.where.joint or 0 for note in missed])
-    yield from (*frictionless, *causes, *of_weight(at_joints), *wrong_signs, *missed)
+    odd = list(of_offsets(fitted, estimate.values))
+    joints = dict.fromkeys(note.where.joint or 0 for note in (*missed, *odd))
+    causes = of_setups(fitted, list(joints), is_odd=bool(odd))
+    yield from (*frictionless, *causes, *odd, *of_counts(fitted), *of_weight(at_joints), *wrong_signs, *missed)
     uncoupled = list(of_ratios(estimate.values, robot))
     yield from uncoupled
     # What makes a model miss, as a zero or a clock, looks like lengths, too, and so do links that are not felt.
@@ -306,6 +313,18 @@ def of_friction(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
         none += [row.bins.joint] if all(ways) and farthest < FRICTIONLESS * math.sqrt(row.bins.mean_square) else []
     if len(none) > len(fitted.joints) / 2:
         yield _note("friction-none", joints=", ".join(map(str, none)))
+
+
+def of_offsets(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
+    """Joints whose Coulomb friction has a mean of both ways that is more than their current ever was."""
+    certain = {value.name: value for value in values if value.std_error}
+    for row in fitted.joints:
+        joint, largest = row.bins.joint, float(np.abs(row.bins.current).max())
+        ways = [certain.get(f"coulomb.j{joint}.{way}") for way in ("plus", "minus")]
+        sizes = [(way.value or 0.0, way.std_error or 0.0) for way in ways if way]
+        offset, error = np.mean(sizes, axis=0) if len(sizes) > 1 else (0.0, 0.0)
+        if abs(offset) - SURELY_MORE * error > largest:
+            yield _note("offset-odd", Where(joint=joint), offset=float(offset), largest=largest)
 
 
 def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:

@@ -59,6 +59,8 @@ TILTED, DIRECTIONS, STEP = 0.15, 60, 0.4
 SCALES, TRIED, RESCALED = (-np.log(7.0), np.log(7.0)), 18, np.log(1.1)
 #: Share of the error to which another unit of positions surely brings it, which no spring does.
 SURELY = 0.1
+#: Another size of a count of position, and the multiple of a joint's error by which currents tell it from the recipe's.
+OTHER_COUNT, DEPENDS = 1.25, 1.03
 #: Number of a body's parameters that weight is told by; gravity (m/s2) along no axis, under which all of them count.
 WEIGHT, OBLIQUE = 4, (3.0, 5.0, 8.0)
 
@@ -214,10 +216,10 @@ class Setups:
             yield times(best)
 
 
-def of_setups(fitted: Fit, missed: Sequence[int]) -> list[LogError | Note]:
+def of_setups(fitted: Fit, missed: Sequence[int], *, is_odd: bool = False) -> list[LogError | Note]:
     """A note on the other meaning of recipe and logs that explains best what a fit misses at joints, if any.
 
-    A refusal where that is another unit of positions, without doubt.
+    A refusal where that is another unit of positions, without doubt, as where offsets `is_odd`.
     """
     setups = Setups(fitted, missed) if missed else None
     candidates = setups.explanations() if setups is not None else []
@@ -245,10 +247,24 @@ def of_setups(fitted: Fit, missed: Sequence[int]) -> list[LogError | Note]:
         size = number(setups.robot.log.conversion("position", 1).scale * scale, 3)
         words = " or ".join(units) or f"position: {{column: ..., scale: {size}}} (a motor's turns, parts of a turn?)"
         mend = f"put {words} into the recipe's log block"
-        if best.then < SURELY * best.now:
+        if is_odd or best.then < SURELY * best.now:
             return [LogError(setup.kind, text, mend=mend)]
         text = f"{text}: {mend}; a spring may look like it"
     return [Note(setup.kind, text, Where(joint=joint))]
+
+
+def of_counts(fitted: Fit) -> list[Note]:
+    """A note where the recipe says what a count of an encoder is, and no current of these motions depends on it."""
+    log = fitted.model.robot.log
+    if "position" not in log.conversions and log.units.get("position") != "tick":
+        return []
+    setups = Setups(fitted, (), most=SEARCHED)
+    factors = tuple(np.where(setups.robot.is_revolute, OTHER_COUNT, 1.0).tolist())
+    after = setups.left(replace(setups.now, factors=factors))
+    if any(after[joint] > DEPENDS * before for joint, before in setups.before.items()):
+        return []
+    text = "what a count of position is stands in the recipe, and these currents would be explained as well by another:"
+    return [Note("unit-shown", f"{text} viscous friction and inertia change with it. See the encoder's manual")]
 
 
 def _loads_block(origins: Iterable[str]) -> str:

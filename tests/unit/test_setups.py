@@ -111,24 +111,69 @@ SCARA = """{name: scara, gravity: [0, 0, -9.81], joints: [{type: revolute, alpha
   {type: revolute, alpha: 0, a: 0.3, d: 0}, {type: prismatic, alpha: 0, a: 0.2, d: 0, theta: 0}]}"""
 
 
-def test_an_arm_whose_joints_cannot_bear_weight_is_not_asked_for_it(tmp_path):
-    """Upright axes feel none in any posture, and a slide along gravity a constant one."""
-    rng, place, path = np.random.default_rng(2), np.zeros(3), []
-    for number in range(60):
-        joint, size = number % 3, (1.0, 1.0, 0.1)[number % 3]
-        steps = int(100 * rng.uniform(2.0, 6.0))
-        ends = np.where(np.arange(3) == joint, size * (-1) ** (number // 3), place)
-        way = 0.5 - 0.5 * np.cos(np.pi * np.arange(steps) / steps)  # the slow middle is a run, the ends are not
+COUNTED = 'log: {position: {column: "q{joint}", scale: 1.0001}}'
+
+
+def test_friction_that_weight_would_have_to_take_away_shows_another_unit(tmp_path):
+    """A lever about the level that is counted in fifths, also where noise hides what the unit leaves."""
+    q, speed, noise = to_and_fro(1, size=1.3)
+    lever = "{name: lever, gravity: [0, -9.81, 0], joints: [{type: revolute, alpha: 0, a: 0, d: 0}]}"
+
+    def drawn(times):
+        return 3.5 * np.cos(q) + 0.3 * np.sign(speed) + 0.1 * speed + times * noise
+
+    noisy = invoke("identify", str(written(tmp_path / "noisy", lever, q / 5.0, drawn(5.0))))
+    assert noisy.exit_code == 0 and "note[offset-odd]: friction of joint 1 has a mean" in noisy.stderr
+    refused = invoke("identify", str(written(tmp_path / "arm", lever, q / 5.0, drawn(0.1))))
+    assert refused.exit_code == 3 and "error[scale-wrong]" in refused.stderr
+    assert 4.8 < float(re.search(r"scale: ([0-9.]+)", refused.stderr)[1]) < 5.2
+    assert invoke("identify", str(written(tmp_path / "right", lever, q, drawn(5.0)))).stderr.count("note[") == 0
+
+
+def test_counts_that_no_current_tells_are_told(tmp_path):
+    """Where weight tells them, nothing is said."""
+    make(tmp_path / "arm")
+    recipe = tmp_path / "arm" / "recipe.yaml"
+    recipe.write_text(f"{recipe.read_text()}\n{COUNTED}\n")
+    assert "note[" not in invoke("identify", str(tmp_path / "arm" / "logs")).stderr
+    flat = upright(tmp_path / "flat")
+    recipe = tmp_path / "flat" / "recipe.yaml"
+    recipe.write_text(recipe.read_text().replace("name: scara", f"{COUNTED}, name: scara"))
+    assert "what a count of position is" in invoke("identify", str(flat)).stderr
+
+
+def to_and_fro(n_joints, *, size):
+    """(N, J) positions, speeds and noise (A) of joints that move one after the other, the slow middle as in a run."""
+    rng, place, path = np.random.default_rng(2), np.zeros(n_joints), []
+    for number in range(20 * n_joints):
+        joint, steps = number % n_joints, int(100 * rng.uniform(2.0, 6.0))
+        ends = np.where(np.arange(n_joints) == joint, size * (-1) ** (number // n_joints), place)
+        way = 0.5 - 0.5 * np.cos(np.pi * np.arange(steps) / steps)
         path += [place + way[:, None] * (ends - place), np.tile(ends, (60, 1))]
         place = ends
     q = np.concatenate(path)
-    speed = np.gradient(q, 0.01, axis=0)
-    current = 0.3 * np.sign(np.round(speed, 9)) + 0.1 * speed + [0.0, 0.0, 0.8] + rng.normal(0.0, 0.02, q.shape)
-    (tmp_path / "logs").mkdir()
-    (tmp_path / "recipe.yaml").write_text(SCARA)
+    return q, np.round(np.gradient(q, 0.01, axis=0), 9), rng.normal(0.0, 0.02, q.shape)
+
+
+def written(folder, recipe, q, current):
+    """A folder of logs with a recipe above it."""
+    (folder / "logs").mkdir(parents=True)
+    (folder / "recipe.yaml").write_text(recipe)
+    names = ",".join(["t", *(f"{letter}{k + 1}" for letter in "qi" for k in range(q.shape[1]))])
     table = np.column_stack([np.arange(len(q)) * 0.01, q, current])
-    np.savetxt(tmp_path / "logs" / "a.csv", table, delimiter=",", header="t,q1,q2,q3,i1,i2,i3", comments="")
-    told = invoke("identify", str(tmp_path / "logs"))
+    np.savetxt(folder / "logs" / "a.csv", table, delimiter=",", header=names, comments="")
+    return folder / "logs"
+
+
+def upright(folder):
+    """Logs of a SCARA."""
+    q, speed, noise = to_and_fro(3, size=np.array([1.0, 1.0, 0.1]))
+    return written(folder, SCARA, q, 0.3 * np.sign(speed) + 0.1 * speed + [0.0, 0.0, 0.8] + noise)
+
+
+def test_an_arm_whose_joints_cannot_bear_weight_is_not_asked_for_it(tmp_path):
+    """Upright axes feel none in any posture, and a slide along gravity a constant one."""
+    told = invoke("identify", str(upright(tmp_path)))
     assert told.exit_code == 0 and "weight-missing" not in told.stderr and "lies level" not in told.stdout
 
 
