@@ -281,7 +281,8 @@ def of_weight(at_joints: Mapping[int, JointPrediction]) -> list[Note]:
     """A note on an arm with joints across gravity of which none bears weight."""
     shares = {}
     for joint, prediction in at_joints.items():
-        if "gravity" in prediction.effects and load_refusal(prediction.model.robot, joint, must_change=True) is None:
+        is_told = {"gravity", f"gravity.l{joint}.x"} <= {*prediction.effects, *prediction.model.names}
+        if is_told and load_refusal(prediction.model.robot, joint) is None:
             weight = prediction.parts[:, prediction.effects.index("gravity")]
             drawn = prediction.current_square[prediction.counted].sum() / prediction.samples[prediction.counted].sum()
             shares[joint] = float(np.sqrt(np.mean(weight**2) / max(drawn, np.finfo(float).tiny)))
