@@ -451,9 +451,10 @@ class Stepwise:
         """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
 
         A rival predicts runs that were left out, has nothing left to explain once `chosen` is in, and is not decisively
-        less likely. In one posture load and position change together: how exact either law is decides there.
+        less likely. In one posture load and position change together: how exact either law is decides there, and of
+        laws of the other family the likeliest.
         """
-        out = []
+        out = list[tuple[EvaluatedCandidate, bool]]()
         for other in evaluated:
             is_denied = other.transfer is not None and other.transfer.is_denied
             is_mixed = (
@@ -468,8 +469,9 @@ class Stepwise:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
-                out.append(other)
-        return tuple(out)
+                out.append((other, is_mixed))
+        best = max((other.log_odds for other, is_mixed in out if is_mixed), default=0.0)
+        return tuple(other for other, is_mixed in out if not is_mixed or best - other.log_odds <= DECISIVE)
 
     def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
         """A fit with the finest bins of the joint of a fast wave, the noise there beside this; else as it is."""

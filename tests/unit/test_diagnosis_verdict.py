@@ -380,6 +380,24 @@ def test_what_data_hardly_tell_has_the_usual_name_first():
     assert np.mean([item[0] == "load_friction" for item in names]) > 0.7
 
 
+def test_of_laws_of_the_load_the_likeliest_are_rivals_of_the_position():
+    """In one posture, where friction by position leads: load friction, and its square only if not decisively less."""
+    lab = Lab.of(LEVER, design(LEVER, postures=1), Hidden("load_friction", 1, {"drive": 0.05, "back": 0.05}))
+    search = Stepwise(lab.model, lab.noisy(1, Din(level=0.003)))
+    step = search.look([])
+    load, square = (
+        next(item for item in step.evaluated if item.key[0] == name)
+        for name in ("load_friction", "load_friction_square")
+    )
+    term = EffectTerm(catalogue()["position_friction"], 1, {"harmonic": 2.0})
+    leading = replace(load, trial=replace(load.trial, added=term, statistic=square.trial.statistic))
+    after = search.solved([load.trial.added])
+    for less, names in ((5.0, ["load_friction", "load_friction_square"]), (15.0, ["load_friction"])):
+        other = replace(square, evidence=load.log_odds - square.log_odds + square.evidence - less)
+        rivals = search._rivals(leading, [load, other], after)
+        assert [item.key[0] for item in rivals] == names
+
+
 def test_shares_of_a_load_that_gravity_absorbs_are_told_by_their_sum():
     """Where the load's own size and the two shares trade, sizes are what is known, with errors that hold the truth."""
     plan = design(PENDULUM, postures=2, speeds=(0.3, 1.2))
