@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,8 +11,8 @@ import numpy as np
 from pumaid.dataset import CONSTANT, STROKE, Dataset, Run, first_motions
 from pumaid.diagnosis.candidates import Candidates, Suspect, Together
 from pumaid.diagnosis.compare import budget
-from pumaid.diagnosis.cross_validation import forecast
-from pumaid.diagnosis.detection_limits import detection_limits
+from pumaid.diagnosis.detection_limits import TINY, detection_limits
+from pumaid.diagnosis.forecasts import forecast, with_effect
 from pumaid.diagnosis.free_forms import FORM_VARIABLES, FreeForm, free_form_scores, knot_values
 from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer
 from pumaid.diagnosis.records import (
@@ -47,15 +46,15 @@ from pumaid.diagnosis.stepwise import (
     misfit_with,
     rmse,
 )
-from pumaid.effect_spec import EffectTerm, expanded, marked, option_text, reopened, terms_of
+from pumaid.effect_spec import EffectTerm, expanded, option_text, reopened, terms_of
 from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
-from pumaid.errors import LogError, ModelError, Note, Where
+from pumaid.errors import LogError, Note, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit
-from pumaid.estimation.gls import refit, releveled
+from pumaid.estimation.gls import refit
 from pumaid.estimation.noise import FEWEST_PAIRS
-from pumaid.estimation.nonlinear import check_better, effect_bins, fit_effects
+from pumaid.estimation.nonlinear import effect_bins, fit_effects
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
@@ -67,8 +66,6 @@ from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
-#: Refits until effects of the load have the loads that they leave.
-LOAD_ROUNDS = 4
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -334,22 +331,6 @@ def free_shape(
     return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
 
 
-def _with_effect(before: Fit, term: EffectTerm) -> Fit | None:
-    """A fit with one more effect, whose loads are those that it has itself; None where it goes astray."""
-    more = term.effect.terms if isinstance(term.effect, Together) else (term,)
-    model = before.model.with_effects(marked([*before.model.effects, *more]))
-    with suppress(ModelError):
-        after = releveled(refit(before, model, is_renewed=True))
-        places, robot = range(len(before.model.effects), len(model.effects)), model.robot
-        sized = [model.effects[place].searched(robot).at({}, after.sizes(place).tolist()) for place in places]
-        model = model.with_effects([*before.model.effects, *sized])
-        for _ in range(LOAD_ROUNDS if model.needs_loads() else 1):
-            after = refit(after, model)
-        check_better({joint: row.rmse for joint, row in before.by_bin.items()}, after, [term.effect.name])
-        return after
-    return None
-
-
 class DiagnosisBuilder:
     """Everything that a finished search (after `Stepwise.run`) has to say."""
 
@@ -378,12 +359,16 @@ class DiagnosisBuilder:
         self.stand_ins = {item for made in self.offers for item in made.stand_ins}
 
     def findings(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> tuple[Finding, ...]:
-        """What should be added to a model of `runs` that has effects, curves last, without what only stood in for one.
+        """What should be added to a model of `runs` that has effects, by worth, then curves; not what stood in for one.
 
         The command of each adds those before it, too, and its forecast is what held-out runs show of just that model.
         """
         search, out, head = self.search, list[Finding](), IDENTIFY
-        chosen = [*(x for x in search.accepted if x not in self.stand_ins), *(made.candidate for made in self.offers)]
+        noise = {joint: rmse(row.bins, row.misfit) for joint, row in self.fits[-1].by_bin.items()}
+        chosen = [
+            *sorted((x for x in search.accepted if x not in self.stand_ins), key=lambda x: -x.worth(noise)),
+            *(made.candidate for made in self.offers),
+        ]
         terms = [*search.given, *(item.trial.added for item in chosen)]
         bins, heldout = (effect_bins(self.robot, part, terms, begun=search.begun) for part in (runs, search.unseen))
         fitted = fit_effects(search.model, runs, expanded(choices, self.robot), begun=search.begun).fit
@@ -391,11 +376,15 @@ class DiagnosisBuilder:
         for candidate in chosen:
             finding, unseen = self.finding(candidate), [part for part in heldout if part.joint in candidate.after]
             if finding.command:  # else it is a suspected column, which nothing adds
-                after = _with_effect(before, candidate.trial.added) if unseen else before
+                after = with_effect(before, candidate.trial.added) if unseen else before
                 finding = forecast(finding, before, after, unseen=unseen) if unseen else finding
                 finding = replace(finding, command=finding.command.replace(IDENTIFY, head, 1))
                 if finding.verdict == ADD and after is not None:
                     head, before = finding.command, after
+            if finding.rmse_heldout_before is not None and finding.rmse_heldout_after is not None:
+                spread = np.sqrt(np.mean([noise[joint] ** 2 for joint in candidate.after]))
+                worth = (finding.rmse_heldout_before - finding.rmse_heldout_after) / max(float(spread), TINY)
+                finding = replace(finding, worth=worth)
             out.append(finding)
         return tuple(out)
 

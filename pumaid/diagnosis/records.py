@@ -133,7 +133,8 @@ class Finding(Candidate):
     Its command adds the findings before it, too. `forecast` (A) is the RMSE, with its standard error (None of one run),
     that this gives in the runs held out of the joints in which the effect acts; `rmse_heldout_before` and `_after` are
     of these runs, too. Without such runs it is None, and they are cross-validated. `transfer` says how much of the
-    effect these runs show, where they can. `curves` let it be seen, one for each joint whose current it changes most.
+    effect these runs show, where they can. `worth` is the fall of that RMSE over the joint's noise; findings that have
+    more come first. `curves` let it be seen, one for each joint whose current it changes most.
     """
 
     next_run: NextRun | None = None
@@ -141,6 +142,7 @@ class Finding(Candidate):
     transfer: Transfer | None = None
     forecast: float | None = None
     forecast_error: float | None = None
+    worth: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,6 +103,11 @@ class EvaluatedCandidate:
         """Largest share by which a joint's RMSE falls."""
         return max((1.0 - after / self.before[joint] for joint, after in self.after.items()), default=0.0)
 
+    def worth(self, noise: Mapping[int, float]) -> float:
+        """Largest fall of a joint's mean squared error over that of its noise (A), which is the same in any order."""
+        falls = {joint: self.before[joint] ** 2 - after**2 for joint, after in self.after.items()}
+        return max((fall / max(noise[joint] ** 2, 1e-300) for joint, fall in falls.items()), default=0.0)
+
     @property
     def predicts(self) -> bool:
         """Whether it lowers the error of runs that were left out, steadily."""

@@ -11,8 +11,9 @@ from worlds import PENDULUM
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.cross_validation import confirmed_share, forecast, rmse_of
+from pumaid.diagnosis.cross_validation import confirmed_share, rmse_of
 from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose, joint_verdict
+from pumaid.diagnosis.forecasts import forecast
 from pumaid.diagnosis.free_forms import FORMS, forms, free_form_scores, knot_values, variable
 from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
 from pumaid.diagnosis.score_test import replicate_test
@@ -436,6 +437,14 @@ def test_what_is_forecast_is_what_the_printed_command_gives():
         assert finding.rmse_heldout_before == pytest.approx(before, rel=0.03)
         assert finding.forecast == finding.rmse_heldout_after == pytest.approx(came, rel=0.03)
         before = came
+
+
+def test_what_is_worth_most_comes_first():
+    """By what it takes off the mean square of held-out runs; told is the fall of their RMSE in units of the noise."""
+    found, noise = busy()[1].findings, np.hypot(DIN.spread, DIN.level)
+    before, after = (np.array([getattr(x, f"rmse_heldout_{when}") for x in found]) for when in ("before", "after"))
+    assert np.all(np.diff(before**2 - after**2) < 0.2 * noise**2)
+    np.testing.assert_allclose([finding.worth for finding in found], (before - after) / noise, rtol=0.3)
 
 
 def test_a_forecast_has_the_error_of_a_jackknife_over_runs():
