@@ -62,11 +62,12 @@ _ANY = ""
 _KINDS = {
     "bad": (
         "bad-samples",
-        "no number or an absurd one",
+        "no number or one beyond a million",
         "these rows are left out",
         MAX_BAD,
-        "check columns, units ({time: ns}, say) and encoding in the recipe's log block (4294967295 is -1 as"
-        " uint32-two-complement); where positions and currents stand in different rows, join"
+        "of counts of an encoder say what one is (position: {column: ..., scale: rad a count, of motors over the gear"
+        " ratio}); else check columns, units ({time: ns}, say) and encoding in the recipe's log block (4294967295 is -1"
+        " as uint32-two-complement); where positions and currents stand in different rows, join"
         " them by time (pandas.merge_asof does it)",
     ),
     "foreign": (

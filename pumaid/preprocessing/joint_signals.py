@@ -239,6 +239,10 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
     apart = errors[(rivals or [best])[0]] - errors[best]
     is_sure = weights @ apart > SURELY and apart.max() > HALF
     counts, angle, zero = item = best if is_sure else fitting[0]
+    if counts == angle:
+        words = {"position": "deg", **({"velocity": "deg/s"} if follows else {})}
+        block = log_block(replace(log, units={**log.units, **words}))
+        return f"if they are degrees from 0 to 360, put this into the recipe:\n{block}"
     rest = listed([f"{other[1]:.0f} degrees in {other[0]:.0f}" for other in fitting if other != item], 3)
     how = "gravity fits so, and not" if is_sure else "friction, weights and ratios are others with what fits too:"
     is_unlike = any(abs(j.ratio * scales[item] / abs(size) - 1.0) > RATIO_FINE for j, size in turning if j.integral)

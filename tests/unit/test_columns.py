@@ -136,8 +136,11 @@ def test_where_no_weight_tells_the_count_all_that_fit_are_named(tmp_path: Path) 
 
 def test_degrees_from_0_to_360_begin_anew_at_a_turn(tmp_path: Path) -> None:
     time, q, current = motion()
-    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.degrees(q) % 360.0, current)
-    assert np.abs(read(path, pasted(refused(path, robot()))).position - q).max() < 1e-6
+    speed = np.degrees(np.gradient(q, time, axis=0))
+    path = table(tmp_path / "log.csv", "t,q1,q2,qd1,qd2,i1,i2", time, np.degrees(q) % 360.0, speed, current)
+    error = refused(path, robot())
+    assert "units: {position: deg}" in error.mend
+    assert np.abs(read(path, pasted(error)).position - q).max() < 1e-6
 
 
 @pytest.mark.parametrize("counts", [4096, 16384])
@@ -645,3 +648,23 @@ def test_an_arm_whose_joints_all_slide_is_read_by_names(tmp_path: Path) -> None:
     names = ",".join(["time", *(f"{what}_{name}" for what in ("pos", "current") for name in "xyz")])
     log = read(table(tmp_path / "log.csv", names, time, q, current), gantry)
     assert np.array_equal(log.position, q) and np.array_equal(log.current, current)
+
+
+def test_a_line_of_units_as_kuka_writes_it(tmp_path: Path) -> None:
+    time, q, current = motion()
+    speed = np.gradient(q, time, axis=0) / (2.0 * np.pi) * 60.0
+    names = ",".join(["ZEIT", *(f"{word}_A{k}" for word in ("Istposition", "Istdrehzahl", "Iststrom") for k in (1, 2))])
+    path = table(tmp_path / "log.csv", names, time, np.degrees(q), speed, 100.0 * current)
+    first, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([first, "s,°,°,U/min,U/min,%,%", *rows]) + "\n", encoding="utf-8")
+    log = read(path, robot())
+    assert log.velocity is not None
+    for ours, wanted in ((log.position, q), (log.velocity, np.gradient(q, time, axis=0)), (log.current, current)):
+        np.testing.assert_allclose(ours, wanted, atol=1e-9)
+
+
+def test_counts_of_fine_encoders_are_refused_as_counts(tmp_path: Path) -> None:
+    """Motors behind gears go through many millions."""
+    time, q, current = motion()
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.round(2e6 * q).astype(int), current)
+    assert refused(path, robot()).mend.startswith("of counts of an encoder say what one is (position: {column:")

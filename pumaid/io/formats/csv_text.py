@@ -36,7 +36,8 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 #: A time stamp as ISO 8601 has it, and a cell of a line of units.
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d\S*")
 _UNIT = re.compile(
-    r"[\[(]?((m|u|µ|n)?s|sec|m?rad|deg|°|m?m|ticks?|((rad|deg|°|m?m)/s(ec)?)|rpm|m?A|N[ ·*]?m|V|°?C|%|-)?[\])]?"
+    r"[\[(]?((m|u|µ|n)?s|sec|m?rad|deg|°|m?m|ticks?|((rad|deg|°|m?m)/s(ec)?)"
+    r"|rpm|U/min|1/min|m?A|N[ ·*]?m|V|°?C|%|-)?[\])]?"
 )
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 #: Numbers in groups of three digits, and those that need no separator.
