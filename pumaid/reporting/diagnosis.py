@@ -164,7 +164,9 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
     if not sizes:
         return f"Shape: {words}." if words else ""
     joiner = ", not told apart from " if None in [size.std_error for size in finding.sizes] else ", with "
-    return f"Size: {listed(sizes)}{(', ' if is_column else joiner) + words if words else ''}."
+    is_first = effect is not None and effect.needs_loads and effect.scope is Scope.JOINT and not effect.is_free
+    first = "; a first estimate, since the load was fitted without it" if is_first else ""
+    return f"Size: {listed(sizes)}{(', ' if is_column else joiner) + words if words else ''}{first}."
 
 
 def decision_sentence(finding: Finding) -> str:

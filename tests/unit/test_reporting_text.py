@@ -15,7 +15,7 @@ from test_compare import KINDS
 
 from pumaid.dataset import Dataset
 from pumaid.diagnosis.compare import POINTS_TO
-from pumaid.diagnosis.records import Limit
+from pumaid.diagnosis.records import Limit, Size
 from pumaid.effects import catalogue
 from pumaid.errors import Note, Where
 from pumaid.estimate import Combination
@@ -316,3 +316,10 @@ def test_many_findings_are_a_table_first():
     assert [row[1].text for row in table.cells] == ["1 waist", "3 elbow", "3 elbow", "6 wrist3", "1 waist"]
     assert {row[2].text for row in table.cells} == {"stribeck or viscous_power"}
     assert [row[3].text for row in table.cells] == [*["add"] * 4, "may be missing"]
+
+
+def test_a_size_that_the_refit_will_change_is_called_a_first_estimate():
+    """Of an effect of the load, which makes the load heavier or lighter; not of a friction that has none."""
+    loss = replace(diagnoses.stribeck(), effect="load_friction", shape={}, sizes=(Size("drive", 0.2, 0.01, "1"),))
+    assert size_sentence(loss, PUMA).endswith("0.200 ± 0.010; a first estimate, since the load was fitted without it.")
+    assert "estimate" not in size_sentence(diagnoses.stribeck(), PUMA)
