@@ -134,6 +134,10 @@ class LogReader:
             schema = source.schema()
             self.robot, naming = as_named(schema, self.robot)
             columns = Columns(schema, self.robot, name, extra=self.extra)
+            log = self.robot.log
+            stated = [column.unit for column in schema if column.name == log.column("current", 1)]
+            if word := stated_unit(stated[0] if stated else "", "current"):
+                self.robot = replace(self.robot, log=replace(log, units={**log.units, "current": word}))
             cleaner = Cleaner(self.robot, columns, name)
             batches = (batch for batch in source.batches(columns.read) if len(batch.rows))
             parts = (part for batch in batches for part in columns.episodes(*batch))

@@ -42,6 +42,8 @@ BEYOND = 1.5
 FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
 STILL_TIME, UNEQUAL = 0.5, 2.0
+#: Displacement over integrated velocity below which velocities are of motors before gears, and no clock is so wrong.
+GEARED = 0.05
 #: What currents are in where their unit is another.
 SHOWN = {"Nm": "N m", "mNm": "N m", "percent": "rated torque", "permille": "rated torque", "raw": "counts"}
 #: A; what motors of arms draw at most is more.
@@ -160,7 +162,8 @@ def _unlike_clock(sums: LogStatistics) -> Found:
     signals = [j for j in signals_of(sums) if not math.isnan(j.ratio)]
     off = [j for j in signals if j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())]
     ratios = [j.ratio for j in off]
-    if off and len(off) == len(signals) and max(ratios) < (1.0 + RATIO_FINE) * min(ratios):
+    is_one = bool(off) and len(off) == len(signals) and max(ratios) < (1.0 + RATIO_FINE) * min(ratios)
+    if is_one and min(ratios) > GEARED:
         ratio = float(np.median(ratios))
         larger = f"{max(ratio, 1.0 / ratio):.3g} times as {'large' if ratio > 1.0 else 'small'} as these times say"
         what = (
@@ -175,6 +178,7 @@ def _unlike_clock(sums: LogStatistics) -> Found:
     for j in off:
         what = f"the velocity column of joint {j.joint.number} does not follow its position, which changes"
         what += f" {j.ratio:.4g} times as fast" + ("; other joints' do" if len(signals) > len(off) else "")
+        what += " (is it the motor's, before the gear?)" if abs(j.ratio) < GEARED else ""
         yield {"joint": j.joint.number, "what": what, "fix": "speeds are taken from position and time"}
 
 

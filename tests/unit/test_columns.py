@@ -651,6 +651,7 @@ def test_an_arm_whose_joints_all_slide_is_read_by_names(tmp_path: Path) -> None:
 
 
 def test_a_line_of_units_as_kuka_writes_it(tmp_path: Path) -> None:
+    """Speeds of motors, a hundred times those of joints, are no wrong clock."""
     time, q, current = motion()
     speed = np.gradient(q, time, axis=0) / (2.0 * np.pi) * 60.0
     names = ",".join(["ZEIT", *(f"{word}_A{k}" for word in ("Istposition", "Istdrehzahl", "Iststrom") for k in (1, 2))])
@@ -661,6 +662,10 @@ def test_a_line_of_units_as_kuka_writes_it(tmp_path: Path) -> None:
     assert log.velocity is not None
     for ours, wanted in ((log.position, q), (log.velocity, np.gradient(q, time, axis=0)), (log.current, current)):
         np.testing.assert_allclose(ours, wanted, atol=1e-9)
+    assert any(note.text.startswith("currents are in rated torque") for note in ingest([path], robot()).notes)
+    path = table(path, names, time, q, 100.0 * np.gradient(q, time, axis=0), current)
+    notes = [note.text for note in ingest([path], robot()).notes if note.slug == "velocity-unrelated"]
+    assert len(notes) == 2 and all("is it the motor's, before the gear?" in text for text in notes)
 
 
 def test_counts_of_fine_encoders_are_refused_as_counts(tmp_path: Path) -> None:
