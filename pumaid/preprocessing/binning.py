@@ -329,8 +329,9 @@ def _blocks(bins: Bins, joint: int, parts: Floats, edges: Floats) -> list[Bins]:
     values = pseudo_inverse(cells.T @ cells)[0] @ (cells.T @ inner.current)
     drawn = regressors(finer(replace(bins, parts=table.reshape(-1, 3)), joint)) @ values
     missed, table = (parts[..., 0] - drawn.reshape(-1, k))[rows], table[rows]
-    blocks = [replace(chosen(inner, part), parts=table[part].reshape(-1, 3)) for part in split if len(part)]
-    design = np.vstack([regressors(finer(block, joint)) for block in blocks])
+    # Polynomials end where blocks do, as at a gap.
+    apart = np.ptp(inner.time) * np.searchsorted(edges, inner.time, side="right")
+    design = regressors(finer(replace(inner, time=inner.time + apart, parts=table.reshape(-1, 3)), joint))
     missed -= (design @ (pseudo_inverse(design.T @ design)[0] @ (design.T @ missed.ravel()))).reshape(-1, k)
     # In cells variance is about a straight line, and the filter took some of the mean square of that line.
     between, within = about_line(missed), np.maximum(inner.variance - about_line(table[..., 0]), 0.0)
