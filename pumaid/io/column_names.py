@@ -116,7 +116,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
         rivals = [score for other, score in scores.items() if other != best and ("{name}" in other) == by_name]
         if quantity in ("position", "current"):  # a velocity is checked, and spared
             is_sure &= not templates[best] and max(rivals, default=-math.inf) < scores[best] - _SURE
-            is_sure &= not _WANTED & {*words_of(best)}
+            is_sure &= not is_wanted(best)
     times, is_one = _times(header, chosen.get("position", ""))
     if not times or "position" not in chosen or "current" not in chosen:
         return None, False
@@ -179,6 +179,11 @@ def _yaml(value: object) -> str:
 def has_foreign_words(text: str) -> bool:
     """Whether a text holds words for columns in letters that are not ASCII."""
     return any(word in text.lower() for words in _KNOWN.values() for word in words if not word.isascii())
+
+
+def is_wanted(text: str) -> bool:
+    """Whether names speak of what was wanted, not measured."""
+    return bool(_WANTED & {*words_of(text)})
 
 
 def words_of(name: str) -> list[str]:

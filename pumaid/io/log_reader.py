@@ -17,7 +17,7 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import EPISODE, guessed, log_block, paste_block, spelt, stated_unit, unit_in
+from pumaid.io.column_names import EPISODE, guessed, is_wanted, log_block, paste_block, spelt, stated_unit, unit_in
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
@@ -566,7 +566,9 @@ def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
     )
     if block:
         more = f" (joint states are there of {listed([*topics])}; log: {{topic: NAME}} says which)"
-        return f"if these are the columns meant{more * (len(topics) > 1)}, put this into the recipe:\n{block}"
+        more *= len(topics) > 1
+        more += " (some hold what was wanted: of these the model is the controller's, not the arm's)" * is_wanted(block)
+        return f"if these are the columns meant{more}, put this into the recipe:\n{block}"
     # What the recipe names already is no other quantity.
     named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
     free = [column for column in header if column not in named]

@@ -673,3 +673,9 @@ def test_counts_of_fine_encoders_are_refused_as_counts(tmp_path: Path) -> None:
     time, q, current = motion()
     path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.round(2e6 * q).astype(int), current)
     assert refused(path, robot()).mend.startswith("of counts of an encoder say what one is (position: {column:")
+
+
+def test_columns_of_what_was_wanted_are_offered_as_that(tmp_path: Path) -> None:
+    names = "timestamp,target_q_0,target_q_1,target_current_0,target_current_1"
+    mend = refused(table(tmp_path / "log.csv", names, np.zeros((3, 5))), robot()).mend
+    assert "the controller's, not the arm's" in mend and "target_q_{joint0}" in mend
