@@ -1,8 +1,9 @@
 """Identify the log of a folder with one tool, as its documentation does it: peer_drivers.py TOOL FOLDER.
 
 It runs in the environment of the tool, so this module needs numpy alone. A driver loads its tool, yields, identifies
-the log, and yields a function of positions and velocities (N, J) that gives its torques (N, J); again if it identifies
-it several times. record.json gets the seconds, answers.npz what the tool says of the questions.
+the log, and yields a function of positions, velocities and accelerations (N, J) that gives its torques (N, J); again if
+it identifies it several times. record.json gets the seconds, answers.npz what the tool says of the questions and of
+other motion.
 """
 
 import importlib.metadata
@@ -16,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-#: Of pumaid; the median counts.
-REPEATS = 5
+#: Of pumaid and figaroh; the median counts.
+REPEATS = 3
 
 
 def pumaid(folder):
@@ -31,9 +32,10 @@ def pumaid(folder):
     words = ["identify", str(folder / "pumaid"), "--recipe", str(recipe), "-o", str(model)]
     gain = np.load(folder / "questions.npz")["gain"]
 
-    def torque(position, velocity):
+    def torque(position, velocity, acceleration):
         found = Formulas.of(read_model(model), read_recipe(recipe))
-        return (found.predicted(position, velocity) if velocity.any() else found.weight(position)) / gain
+        slow = found.predicted(position, velocity) if velocity.any() else found.weight(position)
+        return (slow + found.inertia(position, velocity, acceleration)) / gain
 
     for number in range(1 + REPEATS):
         shutil.rmtree(folder / "results", ignore_errors=True)
@@ -42,38 +44,37 @@ def pumaid(folder):
 
 
 def figaroh(folder):
-    """A subclass that loads the log and differentiates it as in the UR10 example, then `solve`.
+    """A subclass that loads the log, then `solve` with weights, as documented.
 
-    Least squares for the base parameters of the rigid bodies, friction, rotors' inertia and joint offsets.
+    Its base class smooths the positions and differentiates them; a second at either end, where its filters are not
+    settled, is left out. Least squares for the base parameters of the rigid bodies, friction, rotors' inertia and joint
+    offsets. The function by which its UR10 example differentiates gives velocities half a sample late.
     """
     from figaroh.identification.base_identification import BaseIdentification
-    from figaroh.identification.identification_tools import calculate_first_second_order_differentiation
     from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced
     from figaroh.tools.robot import load_robot
 
+    log = np.load(folder / "log.npz")
+
     class Arm(BaseIdentification):
         def load_trajectory_data(self, data_source=None):
-            log = np.load(folder / "log.npz")
-            names = ("positions", "velocities", "accelerations")
-            motion = calculate_first_second_order_differentiation(self.model, log["position"], self.identif_config)
-            count = len(motion[0])
-            times, torques = log["time"][:count].reshape(-1, 1), log["torque"][:count]
-            return dict(zip(names, motion, strict=True)) | {"timestamps": times, "torques": torques}
+            motion = {"positions": log["position"], "velocities": None, "accelerations": None}
+            return motion | {"timestamps": log["time"].reshape(-1, 1), "torques": log["torque"]}
 
-    yield None
-    arm = Arm(load_robot(str(folder / "arm.urdf"), load_by_urdf=True), str(folder / "figaroh.yaml"))
-    settings = arm.identif_config
-    joints = [arm.model.joints[arm.model.getJointId(name)] for name in settings["active_joints"]]
-    settings["act_idxq"], settings["act_idxv"] = [one.idx_q for one in joints], [one.idx_v for one in joints]
-    arm.initialize()
-    arm.solve(plotting=False)
-
-    def torque(position, velocity):
-        whole = build_regressor_basic(arm.robot, position, velocity, np.zeros_like(velocity), arm.identif_config)
+    def torque(*motion):
+        whole = build_regressor_basic(arm.robot, *motion, arm.identif_config)
         base = build_regressor_reduced(whole, arm._idx_eliminated)[:, arm._base_indices]
-        return (base @ arm.phi_base).reshape(position.shape[1], -1).T
+        return (base @ arm.phi_base).reshape(motion[0].shape[1], -1).T
 
-    yield torque
+    second = round(1.0 / np.diff(log["time"]).mean())
+    for number in range(1 + REPEATS):
+        arm = Arm(load_robot(str(folder / "arm.urdf"), load_by_urdf=True), str(folder / "figaroh.yaml"))
+        settings = arm.identif_config
+        joints = [arm.model.joints[arm.model.getJointId(name)] for name in settings["active_joints"]]
+        settings["act_idxq"], settings["act_idxv"] = [one.idx_q for one in joints], [one.idx_v for one in joints]
+        arm.initialize(truncate=(second, len(log["time"]) - second))
+        arm.solve(plotting=False, wls=True)
+        yield torque if number else None
 
 
 def aurt(folder):
@@ -96,17 +97,17 @@ def aurt(folder):
     api.calibrate("robot_dynamics", "aurt.csv", [0.0, 0.0, -9.80665], "parameters.csv", "calibrated", False)
     found = pickle.loads((folder / "calibrated").read_bytes())
 
-    def torque(position, velocity):
-        states = np.zeros((3 * n, len(position)))
-        states[0::3], states[1::3] = position.T, velocity.T
+    def torque(position, velocity, acceleration):
+        states = np.stack([position.T, velocity.T, acceleration.T], axis=1).reshape(3 * n, -1)
         rows = [found.robot_dynamics.observation_matrix_joint(j, states) @ found.parameters for j in range(n)]
         return np.stack(rows, axis=1)
 
     yield torque
 
 
-#: mujoco.sysid: rows of a window (two seconds); of a joint: what is fitted, least and most.
-WINDOW, OF_JOINTS = 250, {"armature": (0.02, 20.0), "damping": (0.0, 40.0), "frictionloss": (0.01, 40.0)}
+#: mujoco.sysid: rows of a window (half a second: over two the least squares end far from the truth); of a joint: what
+#: is fitted, least and most.
+WINDOW, OF_JOINTS = 62, {"armature": (0.02, 20.0), "damping": (0.0, 40.0), "frictionloss": (0.01, 40.0)}
 
 
 def mujoco(folder):
@@ -162,30 +163,41 @@ def mujoco(folder):
     found, _ = sysid.optimize(initial_params=parameters, residual_fn=residual, verbose=False)
     fitted = sysid.apply_param_modifiers(found, spec)
 
-    def torque(position, velocity):
+    def torque(position, velocity, acceleration):
         data, out = mujoco.MjData(fitted), np.empty_like(position)
-        for row, place in enumerate(position):
-            data.qpos[:], data.qvel[:] = place, 0.0
+        for row in range(len(position)):
+            data.qpos[:], data.qvel[:] = position[row], velocity[row]
             mujoco.mj_forward(fitted, data)
-            out[row] = data.qfrc_bias
+            mujoco.mj_mulM(fitted, data, out[row], acceleration[row])
+            out[row] += data.qfrc_bias
         return out + np.sign(velocity) * fitted.dof_frictionloss + velocity * fitted.dof_damping
 
     yield torque
 
 
+def clocks():
+    """Seconds of the wall's clock, and of processors that this process and its children took."""
+    return time.perf_counter(), sum(os.times()[:4])
+
+
 def main():
     """Run one driver."""
     tool, folder = sys.argv[1], Path(sys.argv[2]).resolve()
-    marks = [time.perf_counter()]
+    marks = [clocks()]
     for given in {"pumaid": pumaid, "figaroh": figaroh, "aurt": aurt, "mujoco": mujoco}[tool](folder):
         torque = given
-        marks.append(time.perf_counter())
+        marks.append(clocks())
         peak = Path("/proc/self/status").read_text(encoding="utf-8").split("VmHWM:")[1].split()[0]
-    asked = np.load(folder / "questions.npz")
-    still, whole = (torque(asked["position"], factor * asked["velocity"]) for factor in (0.0, 1.0))
-    np.savez(folder / "answers.npz", gravity=still, whole=whole)
+    asked, other = np.load(folder / "questions.npz"), np.load(folder / "other.npz")
+    states = [(asked["position"], factor * asked["velocity"], 0.0 * asked["velocity"]) for factor in (0.0, 1.0)]
+    states.append((other["position"], other["velocity"], other["acceleration"]))
+    np.savez(
+        folder / "answers.npz",
+        **dict(zip(("gravity", "whole", "other"), (torque(*one) for one in states), strict=True)),
+    )
     versions = " ".join(f"{name} {importlib.metadata.version(name)}" for name in (tool, "numpy"))
-    record = {"versions": versions, "seconds": float(np.median(np.diff(marks[1:]))), "start-up": marks[1] - marks[0]}
+    wall, processor = np.median(np.diff(marks[1:], axis=0), axis=0).tolist()
+    record = {"versions": versions, "seconds": wall, "processor": processor, "start-up": marks[1][0] - marks[0][0]}
     (folder / "record.json").write_text(json.dumps(record | {"peak MiB": int(peak) // 1024}), encoding="utf-8")
 
 

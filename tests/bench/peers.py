@@ -1,12 +1,15 @@
 """pumaid beside figaroh, aurt and mujoco.sysid on the same logs, in one run; appended to bench/peers.csv.
 
-python tests/bench/peers.py [--rows 20000 100000 500000] [--limit 1200] [--tools figaroh mujoco aurt]
+python tests/bench/peers.py [--moving 7500 120000] [--rows 20000 100000 500000] [--limit 1200] [--tools figaroh ...]
 
 The virtual arm has the PUMA 560's geometry (or that of its first three joints), drawn masses, and friction that is the
-same in both directions, so that the model of each tool can describe it. Peers work in N m: they are told the motors'
-gains. Each is installed from its package into an environment of its own. Processes run one after another. `seconds`
-leaves out the start of Python and the loading of modules (aurt: the making of its symbolic model), which `start-up`
-has. A tool that does not finish a log in time is not given longer ones.
+same in both directions, so that the model of each tool can describe it (aurt's has no inertia of rotors). Peers work in
+N m: they are told the motors' gains; `figaroh, constants off` is told gains that are 10 to 20 % wrong. Each is
+installed from its package into an environment of its own. Processes run one after another. `seconds` leaves out the
+start of Python and the loading of modules (aurt: the making of its symbolic model), which `start-up` has. A tool that
+does not finish a log in time is not given longer ones. Each has one thread.
+
+`other motion off` is what is left of the torques of picks that no tool was given: see `left`.
 """
 
 import argparse
@@ -14,6 +17,7 @@ import json
 import math
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,10 +26,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
+from scipy.signal import butter, filtfilt
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from free_motion import reach, recorded, waves
+from free_motion import picks, reach, recorded, waves
 from pass_speed import append
 
 from pumaid import export, read_model
@@ -45,11 +51,22 @@ RATE, LAP = 125.0, 150.0
 SEED = 3
 #: Postures and speeds in which answers are compared.
 POINTS = 1000
+#: s of other motion, and of the start of a recording, in which the arm catches up with what it is asked to do.
+OTHER, CATCHING_UP = 60.0, 1.0
+#: Hz up to which torques of other motion are compared, and s around each sample that this smoothing looks at; rad/s
+#: above which the sign of a joint's friction is known.
+BAND, SETTLING, MOVES = 10.0, 0.16, 0.05
+#: What a tool took over what pumaid did; a shared machine hardly changes the second.
+RATIOS = {"times pumaid": "seconds", "its processor": "processor"}
 ALONE, TOGETHER = "one joint at a time", "all joints at once"
-#: Tool -> what pip installs and the joints of its arm: aurt's symbolic model of six joints is not done in half an hour.
-#: figaroh and aurt take the friction of a joint from the sign of its velocity, which says nothing where it rests: a log
-#: in which all joints move shows that they are used as they are meant to be.
-PEERS = {"figaroh": ("figaroh", 6), "mujoco": ("mujoco[sysid]", 6), "aurt": ("aurt", 3)}
+#: Tool -> its driver, what pip installs, the joints of its arm (aurt's symbolic model of six joints is not done in half
+#: an hour), and by how much the torque constants that it is told are wrong, least and most.
+PEERS = {
+    "figaroh": ("figaroh", "figaroh", 6, None),
+    "figaroh, constants off": ("figaroh", "figaroh", 6, (0.1, 0.2)),
+    "mujoco": ("mujoco", "mujoco[sysid]", 6, None),
+    "aurt": ("aurt", "aurt", 3, None),
+}
 #: figaroh's unified configuration: its template for arms, everything on that its model has, and the log's rate.
 FIGAROH = """\
 robot:
@@ -70,7 +87,7 @@ tasks:
       include_external_forces: false
       use_joint_torques: true
       model_components: {{friction: true, joint_offset: true, actuator_inertia: true}}
-    signal_processing: {{sampling_frequency: {rate}, cutoff_frequency: 50.0, filter_type: butterworth, filter_order: 4}}
+    signal_processing: {{sampling_frequency: {rate}, cutoff_frequency: 10.0, filter_type: butterworth, filter_order: 4}}
 """
 
 
@@ -98,12 +115,33 @@ def alone(truth, rows):
     return Log.joined(logs).part(slice(rows))
 
 
+def moved(truth, path, seconds, seed):
+    """The log of an arm that moves as `path` (waves or picks) draws it, without its first second."""
+    rng = np.random.default_rng(seed)
+    log = recorded(truth, path(rng, seconds + CATCHING_UP, reach(truth.robot)), rng, counts=1e6)
+    log = log.part(slice(0, None, 2)).part(slice(round(CATCHING_UP * RATE), None))  # half of its rate
+    return replace(log, velocity=np.gradient(log.position, log.time, axis=0))
+
+
 def together(truth, rows):
     """The log of the kind that peers are made for: all joints move all the time (Fourier series)."""
-    rng = np.random.default_rng(SEED)
-    log = recorded(truth, waves(rng, rows / RATE, reach(truth.robot)), rng, counts=1e6)
-    log = log.part(slice(0, None, 2))  # half of its rate
-    return replace(log, velocity=np.gradient(log.position, log.time, axis=0))
+    return moved(truth, waves, rows / RATE, SEED).part(slice(rows))
+
+
+def smooth(signal):
+    """(N, J) up to `BAND`, not delayed."""
+    return filtfilt(*butter(4, BAND / (RATE / 2)), signal, axis=0)
+
+
+def other_motion(truth):
+    """Motion that no tool is given, as it is given to all to predict: its smoothed torque, N m, and the noise in it."""
+    log = moved(truth, picks, OTHER, SEED + 1)
+    position, step = smooth(log.position), 1.0 / RATE
+    velocity = np.gradient(position, step, axis=0)
+    shape, start = position.shape, np.zeros(position.shape[1])
+    noise = truth.noise.sample_std * truth.noise.series(np.random.default_rng(SEED), shape, rate=RATE, start=start)
+    told = {"position": position, "velocity": velocity, "acceleration": np.gradient(velocity, step, axis=0)}
+    return told | {"torque": smooth(log.current / truth.gain), "noise": smooth(noise / truth.gain)}
 
 
 def questions(truth):
@@ -151,6 +189,7 @@ def prepare(folder, joints, log_of, rows):
     columns = {"time": log.time, "position": log.position, "velocity": log.velocity}
     np.savez(folder / "log.npz", torque=log.current / truth.gain, **columns)
     np.savez(folder / "questions.npz", **questions(truth))
+    np.savez(folder / "other.npz", **other_motion(truth))
     names = ", ".join(joint.name for joint in robot.joints)
     ones, zeros = (", ".join([digit] * joints) for digit in "10")
     (folder / "figaroh.yaml").write_text(FIGAROH.format(names=names, ones=ones, zeros=zeros, rate=RATE))
@@ -163,13 +202,12 @@ def run(python, tool, folder, seconds):
     """The figures of a driver's run, and how it ended (`outcome`)."""
     record, driver = folder / "record.json", Path(__file__).with_name("peer_drivers.py")
     record.unlink(missing_ok=True)
-    variables = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     with (folder / "output.txt").open("w", encoding="utf-8") as output:
         process = subprocess.Popen(
             [python, driver, tool, folder],
             stdout=output,
             stderr=subprocess.STDOUT,
-            env=variables | {"MPLBACKEND": "agg"},
+            env=os.environ | {"MPLBACKEND": "agg", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             start_new_session=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY * 1024**3,) * 2),
         )
@@ -186,19 +224,47 @@ def run(python, tool, folder, seconds):
 
 
 def errors(folder):
-    """RMS errors over the truth's RMS: of gravity in all joints, and of friction in the joint that moves."""
+    """RMS errors over the truth's RMS: gravity, friction of the joint that moves, other motion and the noise in it."""
     asked, answers = np.load(folder / "questions.npz"), np.load(folder / "answers.npz")
     moving = np.arange(POINTS), asked["moving"]
     friction, answer = (part["whole"][moving] - part["gravity"][moving] for part in (asked, answers))
     pairs = {"gravity off": (answers["gravity"], asked["gravity"]), "friction off": (answer, friction)}
-    return {name: float(np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2))) for name, (a, b) in pairs.items()}
+    shares = {name: float(np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2))) for name, (a, b) in pairs.items()}
+    other = np.load(folder / "other.npz")
+    joints = left(other, other["torque"] - smooth(answers["other"]))
+    noise = float(np.sqrt(np.mean(left(other, other["noise"]) ** 2)))
+    whole = {"other motion off": float(np.sqrt(np.mean(joints**2))), "its worst joint": float(joints.max())}
+    return shares | whole | {"its noise": noise}
 
 
-def measurements(work, sizes, limit, tools):
+def left(other, error):
+    """(J,) RMS of what is left of the torques of other motion, over their RMS, where the joint moves.
+
+    A share is the same in N m and in amperes, and so with a wrong constant.
+    """
+    moves = np.abs(other["velocity"]) > MOVES
+    at = minimum_filter1d(moves, 2 * round(SETTLING * RATE) + 1, axis=0, mode="constant")
+    return np.sqrt(np.mean(error**2, axis=0, where=at) / np.mean(other["torque"] ** 2, axis=0, where=at))
+
+
+def mistaken(folder, least, most):
+    """The same folder for a user whose torque constants are wrong, each by so much either way: all N m are."""
+    wrong = folder.with_name(f"{folder.name}_off")
+    shutil.copytree(folder, wrong)
+    for name in ("log.npz", "other.npz"):
+        told, rng = dict(np.load(wrong / name)), np.random.default_rng(SEED)
+        n = told["torque"].shape[1]
+        share = 1.0 + rng.uniform(least, most, n) * rng.choice([-1.0, 1.0], n)
+        np.savez(
+            wrong / name, **{key: value * (share if key in ("torque", "noise") else 1.0) for key, value in told.items()}
+        )
+    return wrong
+
+
+def measurements(work, logs, limit, tools):
     """Every tool on every log, one after another; pumaid's model of a log gives the URDF that figaroh reads."""
-    logs = [(TOGETHER, together, sizes[0]), *((ALONE, alone, rows) for rows in sizes)]
     reference = {}
-    for joints in sorted({PEERS[tool][1] for tool in tools}, reverse=True):
+    for joints in sorted({PEERS[tool][2] for tool in tools}, reverse=True):
         for number, (kind, log_of, rows) in enumerate(logs):
             folder = work / f"{joints}_{number}"
             truth = prepare(folder, joints, log_of, rows)
@@ -208,35 +274,40 @@ def measurements(work, sizes, limit, tools):
             model = export(read_model(folder / "model.json"), truth.robot, form="urdf", torque_constants=constants)
             (folder / "arm.urdf").write_text(model.files[".urdf"], encoding="utf-8")
     for tool in tools:
-        package, joints = PEERS[tool]
-        python = work / tool / "bin" / "python"
-        subprocess.run([sys.executable, "-m", "venv", work / tool], check=True)
+        driver, package, joints, off = PEERS[tool]
+        python = work / driver / "bin" / "python"
+        if not python.exists():
+            subprocess.run([sys.executable, "-m", "venv", work / driver], check=True)
         installed = subprocess.run([python, "-m", "pip", "install", "-q", package], capture_output=True, text=True)
         if installed.returncode:
             yield {"tool": tool, "outcome": f"not installed: {installed.stderr.strip()[-TAIL:]}"}
             continue
-        longest = math.inf
+        unfinished = dict.fromkeys((ALONE, TOGETHER), math.inf)
         for number, (kind, _, rows) in enumerate(logs):
-            if rows > longest:
+            if rows > unfinished[kind]:
                 continue
             folder = work / f"{joints}_{number}"
-            record = run(python, tool, folder, limit)
+            record = run(python, driver, mistaken(folder, *off) if off else folder, limit)
             if record["outcome"] == "done":
-                record["times pumaid"] = record["seconds"] / reference[folder.name]["seconds"]
+                ours = reference[folder.name]
+                record |= {name: record[key] / ours[key] for name, key in RATIOS.items()}
             else:
-                longest = rows
+                unfinished[kind] = rows
             yield {"tool": tool, "joints": joints, "log": kind, "rows": rows, **record}
 
 
 def main():
     """Measure, print and append."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", type=int, nargs="+", default=[20_000, 100_000, 500_000])
+    parser.add_argument("--moving", type=int, nargs="*", default=[7_500, 120_000], help="rows of logs: all joints move")
+    parser.add_argument("--rows", type=int, nargs="*", default=[20_000, 100_000, 500_000], help="rows: one joint moves")
     parser.add_argument("--limit", type=float, default=1200.0, help="s for each run of a tool")
     parser.add_argument("--tools", nargs="+", choices=list(PEERS), default=list(PEERS))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="pumaid-peers-") as work:
-        append(TABLE, measurements(Path(work), sorted(options.rows), options.limit, options.tools))
+        logs = [(TOGETHER, together, rows) for rows in sorted(options.moving)]
+        logs += [(ALONE, alone, rows) for rows in sorted(options.rows)]
+        append(TABLE, measurements(Path(work), logs, options.limit, options.tools))
 
 
 if __name__ == "__main__":

@@ -2,16 +2,33 @@
 
 import csv
 
+import mujoco
 import numpy as np
 import peers
 import pytest
 
+from pumaid.simulation.mujoco_engine import specification
 
-def test_every_tool_is_told_of_one_arm_and_one_log(tmp_path):
+
+def by_engine(truth, position, velocity, acceleration):
+    """(N, J) N m of the true arm: MuJoCo's rigid bodies, and friction."""
+    model = specification(truth).compile()
+    data, out = mujoco.MjData(model), np.zeros_like(position)
+    for row in range(len(position)):
+        data.qpos[:], data.qvel[:] = position[row], velocity[row]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_mulM(model, data, out[row], acceleration[row])
+        out[row] += data.qfrc_bias
+    return out + truth.friction.currents(velocity) / truth.gain
+
+
+def test_every_tool_is_told_of_one_arm_and_one_log(tmp_path, monkeypatch):
     """pumaid's log and the peers' hold the same; aurt's table, shifted by one joint, is the recipe's geometry.
 
-    The score of the truth itself is zero, and that of no answer at all is one.
+    The score of the truth itself is zero, and that of no answer at all is one; of other motion it is the noise's, also
+    for whom the torque constants are wrong.
     """
+    monkeypatch.setattr(peers, "OTHER", 20.0)
     folder = tmp_path / "log"
     truth = peers.prepare(folder, 3, peers.together, 100)
     log, asked = np.load(folder / "log.npz"), dict(np.load(folder / "questions.npz"))
@@ -25,6 +42,19 @@ def test_every_tool_is_told_of_one_arm_and_one_log(tmp_path):
         if j:
             before = table[j - 1]
             assert [float(before["a"]), angles[before["alpha"]]] == pytest.approx([joint.a, joint.alpha], abs=1e-12)
+    other = dict(np.load(folder / "other.npz"))
+    whole = by_engine(truth, *(other[name] for name in ("position", "velocity", "acceleration")))
+    wrong = peers.mistaken(folder, 0.1, 0.2)
+    share = np.load(wrong / "log.npz")["torque"][0] / log["torque"][0]
+    assert np.all((np.abs(share - 1.0) >= 0.1) & (np.abs(share - 1.0) <= 0.2))
     for factor in (1.0, 0.0):
-        np.savez(folder / "answers.npz", gravity=factor * asked["gravity"], whole=factor * asked["whole"])
-        assert list(peers.errors(folder).values()) == pytest.approx([1.0 - factor] * 2)
+        for place, of_joint in ((folder, 1.0), (wrong, share)):
+            answers = {name: factor * asked[name] for name in ("gravity", "whole")}
+            np.savez(place / "answers.npz", **answers, other=factor * of_joint * whole)
+            shares = peers.errors(place)
+            noise = shares.pop("its noise")
+            assert 0.005 < noise < 0.05
+            expected = 0.0 if factor else 1.0
+            assert [shares["gravity off"], shares["friction off"]] == pytest.approx([expected] * 2)
+
+            assert shares["other motion off"] == pytest.approx(1.0 if not factor else noise, rel=0.25)
