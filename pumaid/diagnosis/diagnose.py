@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,7 +50,7 @@ from pumaid.diagnosis.stepwise import (
 from pumaid.effect_spec import EffectTerm, expanded, option_text, reopened, terms_of
 from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, ModelError, Note, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.gls import refit
@@ -66,6 +67,8 @@ from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
+#: Bins times findings up to which each forecast is a fit of its own; beyond, it is a refit of the one before.
+EXACT = 400_000
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -371,22 +374,31 @@ class DiagnosisBuilder:
         ]
         terms = [*search.given, *(item.trial.added for item in chosen)]
         bins, heldout = (effect_bins(self.robot, part, terms, begun=search.begun) for part in (runs, search.unseen))
-        fitted = fit_effects(search.model, runs, expanded(choices, self.robot), begun=search.begun).fit
-        before = refit(fitted, fitted.model, bins=bins) if heldout and chosen else fitted
+        is_small = len(chosen) * sum(map(len, bins)) <= EXACT
+        before = fit_effects(search.model, runs, expanded(choices, self.robot), begun=search.begun).fit
+        before = before if is_small or not heldout else refit(before, before.model, bins=bins)
         for candidate in chosen:
             finding, unseen = self.finding(candidate), [part for part in heldout if part.joint in candidate.after]
             if finding.command:  # else it is a suspected column, which nothing adds
-                after = with_effect(before, candidate.trial.added) if unseen else before
-                finding = forecast(finding, before, after, unseen=unseen) if unseen else finding
+                more, after = (*choices, *finding.choices()), None
+                if unseen:
+                    after = self._identified(more, runs) if is_small else with_effect(before, candidate.trial.added)
+                    finding = forecast(finding, before, after, unseen=unseen)
                 finding = replace(finding, command=finding.command.replace(IDENTIFY, head, 1))
-                if finding.verdict == ADD and after is not None:
-                    head, before = finding.command, after
+                if finding.verdict == ADD:
+                    head, before, choices = finding.command, after or before, more
             if finding.rmse_heldout_before is not None and finding.rmse_heldout_after is not None:
                 spread = np.sqrt(np.mean([noise[joint] ** 2 for joint in candidate.after]))
                 worth = (finding.rmse_heldout_before - finding.rmse_heldout_after) / max(float(spread), TINY)
                 finding = replace(finding, worth=worth)
             out.append(finding)
         return tuple(out)
+
+    def _identified(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> Fit | None:
+        """The model with some effects as `identify` fits it; None where it would refuse that."""
+        with suppress(ModelError):
+            return fit_effects(self.search.model, runs, expanded(choices, self.robot), begun=self.search.begun).fit
+        return None
 
     def finding(self, candidate: EvaluatedCandidate) -> Finding:
         """What to add, without what runs held out will show."""

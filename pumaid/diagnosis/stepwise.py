@@ -28,7 +28,7 @@ from pumaid.diagnosis.score_test import (
     surprise_together,
 )
 from pumaid.effect_spec import EffectTerm, marked
-from pumaid.effects import Effect, Family, catalogue
+from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.errors import ModelError
 from pumaid.estimation.fit import Fit, FitRow, Projector, at_bins, loaded, with_loads
 from pumaid.estimation.gls import fit_bins, refit
@@ -510,8 +510,8 @@ class Stepwise:
     def _chance(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, trial: ScoreTest, chances: SignFlips) -> float:
         """Of a candidate among all, by flips of whole runs and, where these are few, of their pieces."""
         chance = chances.p_value(grid.added.key, grid.surprise(on.scale))
-        if not is_few(on, trial.added.joint):
-            return chance
+        if trial.added.effect.scope is not Scope.JOINT or not is_few(on, trial.added.joint):
+            return chance  # what several joints feel is as free in pieces of all their runs as gravity is
         least = 1.0 / (1 + len(chances.largest))
         return min(1.0, max(least, 2.0 * min(chance, chance_of_pieces(on, trial, table.tests))))
 
