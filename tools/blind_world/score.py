@@ -6,6 +6,7 @@ The program under test is called here and nowhere else, the way its command line
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -127,21 +128,29 @@ def felt(experiment: Experiment) -> list[int]:
 
 
 def said(experiment: Experiment, session: Session) -> dict[str, Any]:
-    """What the program said, beside the truth."""
+    """What the program said, beside the truth; `told` is with what it names and would not add."""
     added = session.added
     verdicts = {joint.joint: joint.verdict for joint in session.diagnosis.joints}
-    ranks = [[rank(hidden, finding) for finding in added] for hidden, _ in experiment.hidden]
-    if not added:
-        outcome = "missed" if experiment.hidden else "quiet"
-    else:
-        outcome = {"no": "wrong"}.get(ranks[0][0], ranks[0][0]) if len(ranks) == 1 else "spoke"
+    outcome, ranks = named(experiment, added)
     return {
         "outcome": outcome,
         "findings": [{"effect": f.effect, "joint": f.joint, "rivals": list(f.rivals)} for f in added],
         "sets": [1 + len(finding.rivals) for finding in added],
         "unexplained": bool(ranks) and any(verdicts.get(j + 1) == "unexplained" for j in felt(experiment)),
         "later": any(word != "no" for row in ranks for word in row[1:]),
+        "told": {
+            "outcome": named(experiment, session.diagnosis.findings)[0],
+            "sets": [1 + len(finding.rivals) for finding in session.diagnosis.findings],
+        },
     }
+
+
+def named(experiment: Experiment, findings: Sequence[Finding]) -> tuple[str, list[list[str]]]:
+    """``first``, ``set``, ``wrong``, ``missed`` or ``quiet``, and how each finding names each hidden effect."""
+    ranks = [[rank(hidden, finding) for finding in findings] for hidden, _ in experiment.hidden]
+    if not findings:
+        return "missed" if experiment.hidden else "quiet", ranks
+    return {"no": "wrong"}.get(ranks[0][0], ranks[0][0]) if len(ranks) == 1 else "spoke", ranks
 
 
 def heldout(experiment: Experiment, session: Session, last: Session) -> dict[str, Any]:

@@ -78,11 +78,14 @@ def honest(record: Record) -> bool:
 
 def goals(records: list[Record]) -> list[str]:
     """Each goal and what was measured."""
-    at_two = of_group(records, "effect", 2.0)
+    at_two, clean = of_group(records, "effect", 2.0), of_group(records, "clean")
+    told, quiet = ([record["told"] for record in group if "told" in record] for group in (at_two, clean))
     rows: tuple[tuple[str, Sequence[Record], Callable[[Record], bool], float], ...] = (
         ("at 2 x the limit and above: right, or in a set of at most two", at_two, right_or_pair, 0.95),
+        ("the same with what is told and not added, as held-out error does not fall", told, right_or_pair, 0.95),
         ("at 2 x and above: wrong and alone", at_two, wrong_alone, -0.02),
-        ("clean experiments with any finding", of_group(records, "clean"), spoke, -0.05),
+        ("clean experiments with any finding", clean, spoke, -0.05),
+        ("clean experiments in which anything is told", quiet, spoke, -0.05),
         ("outside the catalogue: unexplained, or explained to the noise", of_group(records, "outside"), honest, 0.90),
         ("at 2 x and above: held-out error within 5 % of the true model's", at_two, near_truth, 0.90),
     )
