@@ -123,7 +123,7 @@ def applied(world: World, effects: Sequence[tuple[Hidden, float]], base: State |
 def signature(world: World, oracle: Oracle, hidden: Hidden, amplitude: float) -> dict[int, Floats]:
     """By joint: current (A) at the rows of its fitted runs that the effect alone adds."""
     change = applied(world, [(hidden, amplitude)]).current - world.base.current
-    return {joint: change[oracle.joints[joint], joint] for joint in hidden.felt}
+    return {joint: change[oracle.joints[joint], joint] for joint in hidden.felt if joint < len(oracle.joints)}
 
 
 def sized(world: World, oracle: Oracle, hidden: Hidden, multiple: float) -> tuple[float, float]:
