@@ -375,13 +375,13 @@ class DiagnosisBuilder:
         terms = [*search.given, *(item.trial.added for item in chosen)]
         bins, heldout = (effect_bins(self.robot, part, terms, begun=search.begun) for part in (runs, search.unseen))
         is_small = len(chosen) * sum(map(len, bins)) <= EXACT
-        before = fit_effects(search.model, runs, expanded(choices, self.robot), begun=search.begun).fit
-        before = before if is_small or not heldout else refit(before, before.model, bins=bins)
+        before = self._identified(choices, runs) if chosen and heldout else None
+        before = refit(before, before.model, bins=bins) if before and not is_small else before
         for candidate in chosen:
             finding, unseen = self.finding(candidate), [part for part in heldout if part.joint in candidate.after]
             if finding.command:  # else it is a suspected column, which nothing adds
                 more, after = (*choices, *finding.choices()), None
-                if unseen:
+                if before and unseen:
                     after = self._identified(more, runs) if is_small else with_effect(before, candidate.trial.added)
                     finding = forecast(finding, before, after, unseen=unseen)
                 finding = replace(finding, command=finding.command.replace(IDENTIFY, head, 1))

@@ -327,7 +327,7 @@ def is_few(on: Fit, joint: int | None) -> bool:
     return any(len(row.bins.runs) < FEW_RUNS for row in rows)
 
 
-def beside(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
+def projected(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
     """(N, V) columns of an effect by joint, and (P, V) what of each parameter the fit has in their place."""
     projector = Projector(on)
     plain = projector.columns([trial.added])
@@ -345,7 +345,7 @@ def chance_of_pieces(on: Fit, trial: ScoreTest, tests: int) -> float:
     ------
     J. E. Pustejovsky and E. Tipton, J. Bus. Econ. Stat. 36 (2018) 672-683: Hotelling's test of clustered errors.
     """
-    (plain, turned), acting = beside(on, trial), np.flatnonzero(trial.sizes)
+    (plain, turned), acting = projected(on, trial), np.flatnonzero(trial.sizes)
     scores, grams = list[Floats](), list[Floats]()
     for row, columns in ((on.by_bin[joint], columns) for joint, columns in plain.items()):
         bins, noise = row.bins, replace(row.noise, level=np.full(len(row.bins.runs), np.inf))

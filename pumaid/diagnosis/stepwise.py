@@ -18,9 +18,9 @@ from pumaid.diagnosis.score_test import (
     ScoreTable,
     ScoreTest,
     SignFlips,
-    beside,
     chance_of_pieces,
     is_few,
+    projected,
     refine_shape,
     score_at,
     score_candidates,
@@ -145,7 +145,7 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
 
 def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
     """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
-    (plain, turned), out = beside(on, trial), dict[int, Floats]()
+    (plain, turned), out = projected(on, trial), dict[int, Floats]()
     for joint, columns in plain.items():
         row = on.by_bin[joint]
         out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
@@ -159,7 +159,7 @@ def drives(on: Fit, trial: ScoreTest) -> bool:
     """
     name, size = f"coulomb.j{trial.added.joint}.", len(on.values) * trial.added.effect.opposes_motion
     way = np.array([(x == f"{name}plus") - 1.0 * (x == f"{name}minus") for x in on.model.names[:size]])
-    turned = way @ beside(on, trial)[1][:size]
+    turned = way @ projected(on, trial)[1][:size]
     before, after = float(way @ on.values[:size]), float(way @ on.values[:size] - turned @ trial.sizes)
     spread = way @ on.inverse[:size, :size] @ way + turned @ pseudo_inverse(trial.information)[0] @ turned
     return bool(before * after < 0.0 and after**2 > DOUBT**2 * on.scale * spread)
