@@ -69,7 +69,7 @@ MOST_POSTURES, FINE, COARSE = 3, 48, 14
 LEAST = {"speed": 0.05, "gravity": 1e-6, "posture": 0.5, "temperature": 0.5}
 
 #: Line styles of an effect and of its rivals, in turn.
-DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)))
+DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.4)), (0, (6, 2, 1.2, 2)), (0, (8, 3)), (0, (3, 1, 1, 1, 1, 1)))
 
 #: s above which times are in minutes; range of a residual in multiples of its largest mark; findings in one figure, and
 #: inch of a panel of several.
