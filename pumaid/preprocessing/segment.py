@@ -29,6 +29,8 @@ RUN_BINS, BLOCK_BINS, FEWEST_BINS = 1_500_000, 150_000, 16
 
 #: A time step above so many usual ones, and above so many seconds, is a gap.
 GAP_STEPS, GAP_TIME = 5.0, 0.05
+#: s from sample to sample over which missing positions are bridged, and samples on either side by which they are.
+BRIDGED, BESIDE = 0.1, 4
 #: Fewest samples from which a speed can be taken.
 FEWEST = 6
 #: Codes of a tick beside +joint and -joint; where the data end.
@@ -176,6 +178,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
 
     With the sample at which the last movement of the stretch begins, 0 where nothing is known of movements.
     """
+    log = _bridged(log)
     good = np.isfinite(log.time) & (np.abs(log.position) < LARGEST).all(axis=1)
     bad, index = np.flatnonzero(~good), np.flatnonzero(good)
     time = log.time[index]
@@ -197,6 +200,28 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
         else:
             label = "gap" if good[part[0]] else "not-a-number"
             yield Stretch(samples, part, samples.time), [Piece(0, len(part), label)], 0
+
+
+def _bridged(log: Log) -> Log:
+    """With positions that are missing for a moment on a cubic through the samples about them, and no current there."""
+    missing = np.isnan(log.position)
+    if not missing.any():
+        return log
+    bad, position, current = np.flatnonzero(missing.any(axis=1)), log.position.copy(), log.current.copy()
+    for burst in np.split(bad, np.flatnonzero(np.diff(bad) > 1) + 1):
+        first, after = int(burst[0]), int(burst[-1]) + 1
+        near = np.r_[first - BESIDE : first, after : after + BESIDE]
+        if near[0] < 0 or near[-1] >= len(log) or log.time[after] - log.time[first - 1] > BRIDGED:
+            continue
+        since, there = log.time[near] - log.time[first], log.position[near]
+        if np.isfinite(since).all() and (np.abs(there) < LARGEST).all():
+            for joint in np.flatnonzero(missing[burst].any(axis=0)):
+                lost = burst[missing[burst, joint]]
+                position[lost, joint] = np.polynomial.Polynomial.fit(since, there[:, joint], 3)(
+                    log.time[lost] - log.time[first]
+                )
+            current[burst] = np.nan
+    return replace(log, position=position, current=current)
 
 
 def _moving(ticks: Ticks, options: SegmentOptions) -> tuple[Floats, Flags]:

@@ -116,6 +116,19 @@ def test_what_cannot_be_used_is_left_out_by_name(spoilt, reason, samples):
     assert all(np.isfinite(run.bins.current).all() for run in dataset.runs)
 
 
+@pytest.mark.parametrize(("lost", "is_bridged"), [(40, True), (60, False)])
+def test_positions_that_are_missing_for_a_moment_are_bridged(lost, is_bridged):
+    """Up to a tenth of a second a stroke goes on as it was, without currents there; beyond, it is cut."""
+    whole, part = log(ramp=1.0, hold=0.0), slice(560, 560 + lost)
+    spoilt = changed("position", np.nan, part, 1, ramp=1.0, hold=0.0)
+    runs = segment([spoilt], ARM).runs
+    assert [run.kind for run in runs] == ["stroke"] * is_bridged
+    for run, sound in zip(runs, segment([whole], ARM).runs, strict=is_bridged):
+        assert run.span == pytest.approx(sound.span, abs=1e-6) and run.samples == sound.samples - lost
+        course = np.interp(run.bins.time, sound.bins.time, sound.bins.position[:, 1])
+        np.testing.assert_allclose(run.bins.position[:, 1], course, atol=2e-3)
+
+
 def test_a_little_drift_of_a_held_joint_is_borne_and_motion_of_two_is_not():
     """A creep is borne until it adds up; where both joints move, both are named."""
     assert len(segment([changed("position", lambda q, t: q + 0.003 * t, joint=0, hold=4.0)], ARM).runs) == 1
