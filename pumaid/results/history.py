@@ -105,25 +105,6 @@ def keep(path: Path, estimate: Estimate) -> Path:
         return _archive(path) or path
 
 
-def restore(results: Path, number: int) -> Path:
-    """Make model `number` of the archive the current one, and return its file; ResultError [no-history] if it is not.
-
-    A current model that is in no archive is archived first.
-    """
-    paths = {rung.number: rung.path for ladder in read_history(results).ladders for rung in ladder.rungs}
-    if number not in paths:
-        raise ResultError(
-            "no-history",
-            f"there is no model {number}; there are {', '.join(map(str, sorted(paths)))}",
-            Where(file=str(results / FOLDER)),
-            "see: pumaid history",
-        )
-    with locked(results / FOLDER):
-        _archive(results / CURRENT)
-        write_file(results / CURRENT, paths[number].read_bytes())
-    return results / CURRENT
-
-
 def _archive(current: Path) -> Path | None:
     """Copy a current model into the archive, once; None where there is none that can be read."""
     try:

@@ -104,11 +104,10 @@ def test_the_file_is_asked_for_again(braked, line):
 
 
 def test_history_needs_no_file(braked, tmp_path):
-    """Errors that were kept are told, and a model is restored, also where the file is lost."""
+    """Errors that were kept are told, also where the file is lost."""
     folder = shutil.copytree(braked, tmp_path / "arm")
     told = typed(folder, "history")
     assert "brake@2" in told.stdout
-    typed(folder, "history --restore 1")
 
 
 def test_the_file_makes_it_known(braked):

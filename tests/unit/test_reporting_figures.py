@@ -84,10 +84,10 @@ def test_residuals_are_drawn_against_what_varies(context):
 
 
 def test_logs_without_runs_draw_no_empty_figure(context):
-    """With nothing to show there is only the arm."""
+    """With nothing to show there is no figure."""
     nothing = Dataset(())
     empty = ReportContext(context.robot, context.estimate, nothing, compare(context.estimate, nothing, context.robot))
-    assert [drawing.name for drawing in all_figures(all_contents(empty))] == ["arm"]
+    assert [drawing.name for drawing in all_figures(all_contents(empty))] == []
 
 
 # History

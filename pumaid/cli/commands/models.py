@@ -205,7 +205,7 @@ def diagnose(
     """Learn which physical effect a model lacks, how sure that is, and what adding it would bring.
 
     Tries every effect of the catalogue at every joint: which is missing, which others these data cannot tell from it,
-    the runs that would, and the command that adds it. With --apply each step is kept; pumaid history undoes them.
+    the runs that would, and the command that adds it. With --apply each step is kept (pumaid history).
 
     \b
     Example:

@@ -104,20 +104,19 @@ def _context(source: Path, experiment: Experiment, *, units: str) -> ReportConte
 @click.argument("folder", type=options.FILE, default=Path(), metavar="[FOLDER]")
 @options.results_option
 @options.effects_option
-@click.option("--restore", type=click.IntRange(min=1), metavar="N", help="Make model N the current one again.")
 @options.json_option
-def history(*, folder: Path, results: Path | None, restore: int | None, as_json: bool) -> None:
+def history(*, folder: Path, results: Path | None, as_json: bool) -> None:
     """Tell the error ladder of an experiment: each model, what it added, and the error after.
 
     FOLDER is the experiment's, or its results; the working folder where not given. Every model that identify and
-    diagnose --apply wrote is kept in results/models. Errors are those of the runs that were fitted and of those that
-    were held out; the noise floor is what repeated runs differ by, which no model can pass.
+    diagnose --apply wrote is kept in results/models; copy one to results/model.json to go back to it. Errors are those
+    of the runs that were fitted and of those that were held out; the noise floor is what repeated runs differ by, which
+    no model can pass.
 
     \b
     Example:
       pumaid history
       pumaid history my_arm
-      pumaid history --restore 2
       pumaid history --json | jq '.ladders[0].models[].rmse'
     """
     from pumaid.reporting import documents, tables
@@ -127,8 +126,6 @@ def history(*, folder: Path, results: Path | None, restore: int | None, as_json:
 
     is_results = (folder / "models").is_dir() or folder.name == "results"
     place = results or (folder if is_results else folder / "results")
-    if restore is not None:
-        remark(f"model {restore} is the current one again: {archive.restore(place, restore)}")
     models = archive.read_history(place)
     notes(models.notes)
     if as_json:

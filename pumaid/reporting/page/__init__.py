@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from markupsafe import Markup
 
 from pumaid import __version__
@@ -16,7 +15,7 @@ from pumaid.reporting import tables, text
 from pumaid.reporting.diagnosis import diagnosis_blocks, finding_table, headline
 from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, scores_frame
 from pumaid.reporting.figures import model
-from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure, skeleton_figure
+from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure
 from pumaid.reporting.figures.model import ReportContext
 from pumaid.reporting.figures.style import DARK, INLINE, Drawing
 from pumaid.reporting.run_tables import axes_table, rejection_table, runs_by_joint_table
@@ -102,13 +101,12 @@ def progress(path: Sequence[Rung]) -> str:
 
 
 def arm(context: ReportContext) -> Content:
-    """The DH table and the skeleton."""
-    robot, runs = context.robot, context.dataset.runs
+    """Where the joints' axes are."""
+    robot = context.robot
     return {
         "robot": robot,
         "gravity": ", ".join(f"{component:.6g}" for component in robot.gravity),
         "table": axes_table(robot, context.units),
-        "skeleton": skeleton_figure(robot, np.nan_to_num(runs[0].posture) if runs else np.zeros(robot.n_joints)),
     }
 
 
