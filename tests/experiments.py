@@ -6,6 +6,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from monte_carlo import Bench
 from worlds import fit_runs
 
 from pumaid.dataset import Dataset, Log
@@ -14,7 +15,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
 from pumaid.io.write import write_log
 from pumaid.preprocessing.ingest import ingest
-from pumaid.simulation import Bench, Noise, Truth, simulate, table1
+from pumaid.simulation import Noise, Truth, simulate, table1
 from pumaid.trajectory import Plan
 
 #: Experiments of which errors are compared with the least possible.

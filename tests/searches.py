@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from monte_carlo import Bench
 from scipy.signal import lfilter
 from worlds import PENDULUM, TURN, arm
 
@@ -24,7 +25,7 @@ from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, JointBins, joint_bins
 from pumaid.model import Model
 from pumaid.robot import Robot
-from pumaid.simulation import Bench, Hidden, Truth, draw
+from pumaid.simulation import Hidden, Truth, draw
 from pumaid.trajectory import Motion, Plan
 
 #: One level axis: its diagnosis is plain linear least squares.

@@ -1,6 +1,6 @@
 """Small arms, their truths and what their logs would leave, for tests of the estimate.
 
-Runs come from `pumaid.simulation.Bench` (which is tested against samples elsewhere) or, where a test must know every
+Runs come from `monte_carlo.Bench` (which is tested against samples elsewhere) or, where a test must know every
 sample, from `run_of`.
 """
 
@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from monte_carlo import Bench
 
 from pumaid.dataset import Bins, Dataset, Run
 from pumaid.estimate import Estimate
@@ -16,7 +17,7 @@ from pumaid.estimation.gls import fit_bins
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, Truth, draw, table1
+from pumaid.simulation import Truth, draw, table1
 from pumaid.trajectory import Motion, Plan
 
 TURN = np.pi / 2

@@ -28,6 +28,7 @@ import numpy as np
 from blind_world.tables import header, interval, row
 from experiments import coverage, logged, losses
 from free_motion import loaded, picks, reach, recorded, waves
+from monte_carlo import Bench
 
 from pumaid import identify, segment, simulate
 from pumaid.dataset import Dataset, first_motions
@@ -44,7 +45,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.robot import Robot
-from pumaid.simulation import Bench, Hidden, Noise, Truth, draw, table1
+from pumaid.simulation import Hidden, Noise, Truth, draw, table1
 from pumaid.trajectory import Motion, Plan, duration
 
 #: Design -> postures, speeds (of a slide: a fifth, in m/s), directions, repeats.

@@ -9,7 +9,7 @@ from scipy import special
 from pumaid.effect_spec import STEP, scale_of
 from pumaid.effects import Scope
 from pumaid.estimation.fit import Fit, Row, clusters, design_of, plausible, with_loads
-from pumaid.estimation.noise import AT_ONCE, NoiseModel, estimate, excess, freedoms, inside_runs, noise_of
+from pumaid.estimation.noise import AT_ONCE, NoiseModel, estimate, excess, freedoms, inside_runs
 from pumaid.joint_bins import JointBins
 from pumaid.maths import (
     LARGEST_RATIO,
@@ -241,12 +241,6 @@ def rise(fitted: Fit, edge: int, ratio: float) -> float:
         off = fitted.prior * (np.append(solution.values, solution.gains.ratios) - centre)
         squares.append(float(solution.residual @ solution.residual + off @ off))
     return squares[0] - squares[1]
-
-
-def fit_with_replicates(model: Model, bins: Sequence[JointBins]) -> Fit:
-    """A fit weighted by what repeated runs differ by, where there are enough of them, as tests of effects need it."""
-    first = fit_bins(model, bins)
-    return refit(first, model, noise={row.bins.joint: noise_of(row.bins, row.misfit) for row in first.joints})
 
 
 def with_errors(fitted: Fit) -> Fit:

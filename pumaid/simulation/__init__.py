@@ -6,7 +6,7 @@ MuJoCo, and hidden effects have a table of their own.
 
 from pumaid.simulation import table1
 from pumaid.simulation.hidden_effects import Hidden
-from pumaid.simulation.session import Bench, constant_run, simulate
+from pumaid.simulation.session import constant_run, simulate
 from pumaid.simulation.virtual_robot import (
     BREAKAWAY,
     Constants,
@@ -22,7 +22,6 @@ from pumaid.simulation.virtual_robot import (
 
 __all__ = [
     "BREAKAWAY",
-    "Bench",
     "Constants",
     "Friction",
     "Hidden",

@@ -1,8 +1,7 @@
-"""A virtual robot executes a plan: in closed loop, logged sample by sample, or as runs without logs."""
+"""A virtual robot executes a plan in closed loop, logged sample by sample; and the runs that a plan would leave."""
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -31,8 +30,6 @@ CONTROL = 250.0
 _TEMPERATURE_STEP = 0.1
 #: rad or m, A: an arm that is farther away, or a motor that draws more, is not held by its controller.
 _FARTHEST, _MOST = 1e3, 1e6
-#: Fewest samples at constant speed that say anything of a run's three regressors and its noise.
-_FEWEST = 8
 #: Gains of (34): 1/s2 and 1/s, K_D = 2 sqrt(K_P). Within a `NEAR`th of a second's way of its target a joint leaves its
 #: speed and creeps in.
 K_P, K_D = 400.0, 40.0
@@ -281,77 +278,6 @@ class _Session:
         return out
 
 
-class Bench:
-    """One experiment on one virtual robot, prepared once, made as often as wanted.
-
-    Positions are exact and the runs are cut where the speed is constant; only the currents' noise differs between
-    experiments. `rate` is in samples a second; a run has at most so many `bins`.
-
-    Examples
-    --------
-    >>> from pumaid.simulation import Bench, table1
-    >>> bench = Bench(table1.puma560(), table1.experiment(), rate=50.0)
-    >>> runs = bench.runs(np.random.default_rng(1))
-    >>> len(runs), runs[0].joint
-    (100, 1)
-    """
-
-    def __init__(self, truth: Truth, plan: Plan, *, rate: float = 100.0, bins: int = 60) -> None:
-        self.truth, self.plan, self.rate = truth, plan, rate
-        steps = list(trapezoids(truth.robot, plan))
-        movements = [step for step in steps if step.motion is not None]
-        begins = np.cumsum([0.0, *(step.seconds for step in steps)])[:-1] + [step.lead for step in steps]
-        starts = begins[[step.motion is not None for step in steps]]
-        first_run = first_starts(plan, starts, n_joints=truth.robot.n_joints)
-        late = delays(truth.hidden, truth.robot.n_joints)
-        self._runs: list[Run] = []
-        self._currents: list[Floats] = []
-        for movement, start in zip(movements, starts.tolist(), strict=True):
-            first, last = movement.cruise
-            local = np.arange(np.ceil(first * rate), np.floor(last * rate) + 1) / rate
-            if len(local) < _FEWEST:
-                joint = movement.motion.joint if movement.motion else None
-                raise ModelError(
-                    "run-too-short",
-                    f"a run of joint {joint} keeps its speed for {len(local)} samples only (at {rate:g} Hz)",
-                    Where(joint=joint),
-                    "widen its span, lower its velocity or raise the rate",
-                )
-            edges = np.linspace(0, len(local), max(1, min(bins, len(local) // 2)) + 1).astype(np.int64)
-            run = constant_run(movement, local, np.diff(edges), start=start, first_row=self.samples + 2)
-            if truth.hides("thermal_friction"):
-                warm = warming(run.bins.time)
-                run = replace(run, temperature=float(warm.mean()), bins=replace(run.bins, temperature=warm))
-            self._runs.append(run)
-            position, velocity = movement.at(local)
-            j = run.joint - 1
-            position[:, j] -= velocity[:, j] * late[j]
-            travel = np.zeros_like(position)
-            travel[:, j] = np.abs(position[:, j] - float(movement.start[j]))
-            warmed = np.tile(warming(start + local)[:, None], truth.robot.n_joints)
-            at = ArmState(start + local, first_run, position, velocity, np.zeros_like(position), travel, warmed)
-            self._currents.append(truth.current(run.joint, at))
-
-    @property
-    def samples(self) -> int:
-        """Samples of one experiment, all runs together."""
-        return sum(run.samples for run in self._runs)
-
-    def runs(self, rng: np.random.Generator) -> tuple[Run, ...]:
-        """The runs of one more experiment, noise and levels drawn from `rng`."""
-        noise = self.truth.noise
-        errors = noise.series(rng, (self.samples,), rate=self.rate, start=rng.standard_normal())
-        levels = rng.standard_normal(len(self._runs))
-        out, first = [], 0
-        for run, current, level in zip(self._runs, self._currents, levels, strict=True):
-            j, error = run.joint - 1, errors[first : first + run.samples]
-            noisy = current + (noise.sample_std[j] * error + noise.level_std[j] * level)
-            mean, square = _means(noisy, run.bins.count), _means(noisy**2, run.bins.count)
-            out.append(replace(run, bins=replace(run.bins, current=mean, variance=np.maximum(square - mean**2, 0.0))))
-            first += run.samples
-        return tuple(out)
-
-
 def constant_run(movement: Trapezoid, local: Floats, count: Counts, *, start: float = 0.0, first_row: int = 2) -> Run:
     """The run that a movement leaves which begins at `start` s, without currents and temperatures.
 
@@ -388,11 +314,6 @@ def constant_run(movement: Trapezoid, local: Floats, count: Counts, *, start: fl
 def _means(values: Floats, count: Counts) -> Floats:
     """Means over stretches of `count` values, one after the other."""
     return np.asarray(np.add.reduceat(values, np.cumsum(count) - count) / count)
-
-
-def warming(time: Floats) -> Floats:
-    """(N,) degC of a motor that draws a third of its usual current from 0 s on."""
-    return np.asarray(AMBIENT - RISE / 3.0 * np.expm1(-time / WARMING_TIME))
 
 
 def first_starts(plan: Plan, starts: Floats, *, n_joints: int) -> Floats:

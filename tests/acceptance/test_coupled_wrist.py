@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from free_motion import reach, recorded, waves
 from menus import arm
+from monte_carlo import Bench
 from worlds import GEARS, wrist
 
 import pumaid
@@ -17,7 +18,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.nonlinear import fit_effects
 from pumaid.model import Model, minimal
-from pumaid.simulation import Bench, Truth, draw, table1
+from pumaid.simulation import Truth, draw, table1
 
 WRIST = wrist()
 #: An arm with hands' weight in its wrist, and what its gears pass on as effects.

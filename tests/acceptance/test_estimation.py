@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from experiments import coverage, logged, losses
+from monte_carlo import Bench
 
 from pumaid.dataset import Dataset
 from pumaid.design.plan import plan
@@ -12,7 +13,7 @@ from pumaid.diagnosis.diagnose import diagnose
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import EffectChoice
-from pumaid.simulation import Bench, Noise, draw, table1
+from pumaid.simulation import Noise, draw, table1
 from pumaid.simulation.hidden_effects import parse
 
 

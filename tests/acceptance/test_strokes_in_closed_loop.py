@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from menus import arm
+from monte_carlo import fit_with_replicates
 
 from pumaid.design.plan import plan
 from pumaid.estimation.estimate import identify
-from pumaid.estimation.gls import fit_with_replicates
 from pumaid.io.recipe import read_recipe
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model

@@ -6,13 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 import worlds
+from monte_carlo import Bench
 from searches import design
 
 from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.evaluate import Budget
-from pumaid.simulation import Bench, Hidden, Truth, table1
+from pumaid.simulation import Hidden, Truth, table1
 
 #: Seeds of these experiments; development used others.
 SEEDS = 8_000

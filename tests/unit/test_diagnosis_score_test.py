@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from monte_carlo import fit_with_replicates
 from scipy import stats
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares, nnls
@@ -27,7 +28,7 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation import gls
 from pumaid.estimation.fit import Fit, FitRow, Projector, design_of, loaded
-from pumaid.estimation.gls import fit_with_replicates, limits
+from pumaid.estimation.gls import limits
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.model import Model

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 import worlds
 from faulty import OUTER, RATIO, csv, good, invoke, make
+from monte_carlo import Bench
 from worlds import CRANE, PENDULUM, STANFORD, dataset, drawn, experiment, identified, only, truth_in_units
 
 from pumaid.dataset import Dataset, Log, first_motions
@@ -20,7 +21,7 @@ from pumaid.estimation.nonlinear import check_better
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import EffectChoice
-from pumaid.simulation import Bench, Truth, table1
+from pumaid.simulation import Truth, table1
 from pumaid.simulation.hidden_effects import parse
 from pumaid.trajectory import Plan
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from monte_carlo import Bench
 from scipy.signal import lfilter
 from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, fit_runs, only, run_of
 
@@ -17,7 +18,7 @@ from pumaid.joint_bins import joint_bins
 from pumaid.maths import RATIO_SPREAD, Bilinear, Gains, Recursion, fit_bilinear, independent, least_squares
 from pumaid.model import Model
 from pumaid.preprocessing.replicates import noise_floor, pairs, replicates
-from pumaid.simulation import Bench, draw
+from pumaid.simulation import draw
 from pumaid.trajectory import Motion, Plan
 
 

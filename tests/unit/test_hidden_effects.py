@@ -6,15 +6,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from monte_carlo import Bench, warming
 from scipy.optimize import brentq
 from test_session import SHORT, session
 
 from pumaid.errors import ModelError
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, Hidden, draw, table1
+from pumaid.simulation import Hidden, draw, table1
 from pumaid.simulation.hidden_effects import LAWS, ArmState, parse
 from pumaid.simulation.mujoco_engine import RigidArm
-from pumaid.simulation.session import warming
 from pumaid.trajectory import REST, Motion, Plan, run_trapezoid
 
 PUMA = table1.puma560().with_noise(0.0)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from menus import arm, prior, small_set
+from monte_carlo import Bench
 from paper_recursion import gravity_current
 
 from pumaid.dataset import Dataset
@@ -27,7 +28,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import parsed_recipe
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Bench, Links, Noise, draw, table1
+from pumaid.simulation import Links, Noise, draw, table1
 from pumaid.trajectory import Motion
 
 ROBOTS, WIDTH = 3, 5

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from menus import arm
+from monte_carlo import Bench, fit_with_replicates
 from searches import design
 
 from pumaid.cli.commands.experiments import ATTENTION
@@ -24,12 +25,12 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, ModelError
 from pumaid.estimation.fit import Projector, loaded
-from pumaid.estimation.gls import fit_with_replicates, refit
+from pumaid.estimation.gls import refit
 from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model, minimal
 from pumaid.robot import Box, Capsule, Joint, Robot, Safety
-from pumaid.simulation import Bench, Hidden, draw, table1
+from pumaid.simulation import Hidden, draw, table1
 from pumaid.trajectory import Motion, Plan
 
 ARMS = ("puma560", "stanford", "pendulum2")

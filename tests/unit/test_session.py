@@ -6,12 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from monte_carlo import Bench
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
 from pumaid.results.truth_file import as_json
-from pumaid.simulation import Bench, Noise, draw, table1
+from pumaid.simulation import Noise, draw, table1
 from pumaid.simulation.hidden_effects import parse
 from pumaid.simulation.session import CONTROL, simulate
 from pumaid.trajectory import Motion, Plan, cruise, trapezoids
@@ -205,14 +206,6 @@ def test_levels_differ_between_runs_and_experiments():
     )
     # 20 differences of two levels, each of variance 2 x 0.2 x std^2, know their size to 16 %; three sigmas.
     assert np.std(means[0] - means[1]) == pytest.approx(np.sqrt(0.4) * PUMA.noise.std[1], rel=0.5)
-
-
-def test_a_run_without_constant_speed_is_refused():
-    """A span that the ramps fill leaves no run, and the message says which joint."""
-    plan = Plan("PUMA 560", (Motion(5, (0.0,) * 6, 0.0, 0.001, 1.0),))
-    with pytest.raises(ModelError) as caught:
-        Bench(PUMA, plan)
-    assert (caught.value.slug, caught.value.where.joint) == ("run-too-short", 5)
 
 
 def test_the_truth_tells_what_currents_show_of_a_slide():
