@@ -316,7 +316,7 @@ def _shortest(
         "plan-unsafe",
         f"no way leads to or from a posture of joint {blocks[block].joint} without a collision: {hit}",
         Where(joint=blocks[block].joint),
-        "narrow the limits, give fewer postures, or correct the recipe's block safety",
+        "narrow the limits, or correct the recipe's block safety",
     )
     error.hold = blocks[block].hold
     raise error

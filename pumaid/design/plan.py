@@ -6,7 +6,7 @@ is what every joint gets whatever it tells, since diagnosis needs it: postures, 
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,9 +96,8 @@ COVERAGES = (Coverage(4, 4, 0.4), Coverage(4, 2, 0.4), Coverage(4, 1, 0.9), Cove
 class Planner:
     """Makes plans for one arm, which may be any of the prior robots; the same seed makes the same plan.
 
-    `seconds` are those of the robot, moves included, `shares` speeds as shares of each joint's top speed, `postures`
-    those of a joint, `passes` how often the arm is gone through; None where the planner decides. `names` are the
-    gravity parameters and ratios that the arm has.
+    `seconds` are those of the robot, moves included, `passes` how often the arm is gone through; None where the planner
+    decides. `names` are the gravity parameters and ratios that the arm has.
     """
 
     def __init__(
@@ -109,21 +108,18 @@ class Planner:
         seed: int,
         tell: Callable[[str], None],
         seconds: float | None = None,
-        shares: Sequence[float] | None = None,
-        postures: int | None = None,
         passes: int | None = None,
     ) -> None:
         self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
-        self.seconds, self.shares, self.postures, self.passes = seconds, shares, postures, passes
+        self.seconds, self.passes = seconds, passes
         self.names, self.collision = shown_names(robot), Collision(robot, spare=TOLERANCE)
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
-        shares = sorted(shares or SHARES)
         blocks, self.judging = list[Block](), list[Block]()
         for joint in range(1, self.robot.n_joints + 1):
-            parts = self._free(joint, shares, rng)
+            parts = self._free(joint, rng)
             # Runs for judging have speeds, and where there are enough a posture, that no fitted run has.
-            between = (math.sqrt(shares[0] * shares[1]), math.sqrt(shares[-2] * shares[-1]))
+            between = (math.sqrt(SHARES[0] * SHARES[1]), math.sqrt(SHARES[-2] * SHARES[-1]))
             holds = np.array([part[0].hold for part in parts[POSTURES:] or parts])
             if judged := free_blocks(
                 self.collision, holds, sweeps(self.robot, joint, speeds(self.robot, joint, between))
@@ -167,8 +163,7 @@ class Planner:
         """The same of all candidates."""
         self.tell("choosing runs")
         many = int(np.clip(round((self.seconds or 0.0) / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
-        least = {"passes": self.passes or many} | ({"postures": self.postures} if self.postures else {})
-        coverages = [replace(coverage, **least) for coverage in COVERAGES]
+        coverages = [replace(coverage, passes=self.passes or many) for coverage in COVERAGES]
         coverages += [] if self.passes else [replace(coverages[-1], passes=1)]
         usual = coverages[1]
         budget = self.seconds or max(
@@ -195,20 +190,20 @@ class Planner:
             "plan-too-short",
             f"{number(budget / 60.0)} minutes are too short: the least experiment that shows everything takes about"
             f" {math.ceil(needed / 6.0) / 10.0:g} minutes",
-            mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or fewer postures, replicates or faster speeds",
+            mend=f"give --minutes {math.ceil(needed / 60.0)} or more, or faster speeds in the recipe",
         )
 
-    def _free(self, joint: int, shares: Sequence[float], rng: np.random.Generator) -> list[list[Block]]:
+    def _free(self, joint: int, rng: np.random.Generator) -> list[list[Block]]:
         """Candidates of a joint in each of many postures in which it can run."""
-        count, robot = max(_DRAWN, (self.postures or 0) + 1), self.robot
-        holds = postures(robot, joint, count=count if self.collision.is_free else _MORE * count, rng=rng)
-        ways = sweeps(robot, joint, speeds(robot, joint, shares))
+        robot, count = self.robot, _DRAWN if self.collision.is_free else _MORE * _DRAWN
+        holds = postures(robot, joint, count=count, rng=rng)
+        ways = sweeps(robot, joint, speeds(robot, joint, SHARES))
         parts = [free_blocks(self.collision, hold[None], ways) for hold in holds]
         if free := [part for part in parts if part]:
             # First those with a free way home, between which most ways are free.
             middle = home(robot)
             free.sort(key=lambda part: self.collision.first_hit(np.array(part[0].hold), middle) is not None)
-            return free[:count]
+            return free[:_DRAWN]
         moving, name = np.arange(robot.n_joints) == joint - 1, robot.joint(joint).name
         start, end = (np.where(moving, place, holds[0]) for place in (ways[0].low, ways[0].high))
         hit = self.collision.first_hit(start, end)
@@ -266,7 +261,7 @@ class Planner:
         *rising, fast = sorted({sweep.speed for sweep in ways})
         half = (len(rising) + 1) // 2
         slower = [speed for k in range(half) for speed in rising[k::half]]  # so that a few of them lie far apart
-        count = math.ceil(((len(rising) + 1 if self.shares else SPEEDS) - 1) / coverage.postures)
+        count = math.ceil((SPEEDS - 1) / coverage.postures)
         fastest = [sweep for sweep in ways if sweep.speed == fast]
         enough = min(coverage.whole, max(ways[sweep] for sweep in fastest))
         widest = max(round(sweep.high - sweep.low, 9) for sweep in fastest if ways[sweep] >= enough)
@@ -346,7 +341,7 @@ class Planner:
             yield from (Posture(b.joint, b.hold, (), why) for b in self.judging if b.joint == joint.number)
 
 
-#: Minutes of a plan, and postures a joint or passes, at most.
+#: Minutes of a plan, and passes, at most.
 _LONGEST, _MOST = 1440.0, 200
 #: A standard error above this share of a ratio leaves it unknown.
 _WEAK = 0.5
@@ -358,8 +353,6 @@ def plan(
     robot: Robot,
     *,
     minutes: float | None = None,
-    speeds: Sequence[float] | None = None,
-    postures_per_joint: int | None = None,
     replicates: int | None = None,
     prior: Estimate | None = None,
     payload: Payload | None = None,
@@ -375,8 +368,8 @@ def plan(
     ----------
     robot, minutes
         The arm; time that it may take, moves included, about four a joint where not given.
-    speeds, postures_per_joint, replicates
-        Shares (0..1] of each joint's top speed, three or more; at least so many postures; passes over the arm.
+    replicates
+        Passes over the arm, two or more where not given.
     prior, payload, seed, tell
         An earlier model of the arm, else several robots drawn from the geometry are planned for at once; kg, x, y, z
         (m) of what the last link carries; same seed, same plan; called with a word on what is done.
@@ -392,12 +385,10 @@ def plan(
     >>> plan(table1.robot(), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'
     """
-    check_ranges(minutes, speeds, postures=postures_per_joint, replicates=replicates)
+    check_ranges(minutes, replicates)
     planner = Planner(
         robot,
         seconds=None if minutes is None else 60.0 * minutes,
-        shares=speeds,
-        postures=postures_per_joint,
         passes=replicates,
         prior=prior_robots(robot, estimate=prior, payload=payload, seed=seed),
         seed=seed,
@@ -461,24 +452,13 @@ def with_forecast(
     )
 
 
-def check_ranges(minutes: float | None, shares: Sequence[float] | None = None, **counts: int | None) -> None:
-    """Refuse a time, shares of top speeds and counts that no plan may have, all at once."""
+def check_ranges(minutes: float | None, replicates: int | None = None) -> None:
+    """Refuse a time and a number of passes that no plan may have."""
     faults = []
     if minutes is not None and not 0.0 < minutes <= _LONGEST:
         faults.append((f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"))
-    if shares is not None and len(set(shares)) < 3:
-        mend = "give three or more: fewer cannot tell whether friction grows evenly with speed"
-        faults.append((f"{len(set(shares))} different speeds are too few", mend))
-    faults += [
-        (f"{share:g} is no share of a top speed", "give shares above 0 and at most 1, such as 0.1,0.3,0.8")
-        for share in shares or ()
-        if not 0.0 < share <= 1.0
-    ]
-    faults += [
-        (f"{count} {what} are out of range", f"give 1 to {_MOST}")
-        for what, count in counts.items()
-        if count is not None and not 1 <= count <= _MOST
-    ]
+    if replicates is not None and not 1 <= replicates <= _MOST:
+        faults.append((f"{replicates} replicates are out of range", f"give 1 to {_MOST}"))
     refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
 
 

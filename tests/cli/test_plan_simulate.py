@@ -12,7 +12,7 @@ from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.simulation import table1
 
 #: The least work: a short plan of two joints.
-SHORT = ("--speeds", "0.5,0.7,0.95", "--postures", "2", "--replicates", "1")
+SHORT = ("--minutes", "3")
 LINE = " ".join(SHORT)
 SIMULATE = ("simulate", "--rate", "20")
 
@@ -80,7 +80,7 @@ def test_a_motion_is_planned_checked_and_executed(folder, monkeypatch):
     assert "note[plan-compared]: in 0.6 min this picks" in done.stderr
     document = answer("plan --check plan.yaml")
     assert document["runs"] == [] and document["trajectory"]["kind"] == "picks"
-    assert "--motion plans a trajectory" in run("plan", "--motion", "picks", "--postures", "2", code=2).stderr
+    assert "--check looks at a plan" in run("plan", "--motion", "picks", "--check", "plan.yaml", code=2).stderr
     (entry,) = answer("simulate --rate 50")["files"]
     assert entry["end"] == pytest.approx(36.0, abs=0.1)
     second = answer("identify logs")["joints"][1]["parameters"]

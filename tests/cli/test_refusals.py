@@ -29,8 +29,6 @@ BAD_INPUT = {
     "plan --payload=1e300,1e300,0,0 -o p.yaml": "plan-impossible",
     "plan --minutes nan -o p.yaml": "nan minutes",
     "plan --minutes 1e-9 -o p.yaml": "plan-too-short",
-    "plan --speeds 1,1,1 -o p.yaml": "1 different speeds",
-    "plan --speeds 0.1,0.2,nan -o p.yaml": "nan is no share",
     "plan --check nothing.yaml": "nothing.yaml",
     "plan --check .": "file-not-readable",
     "plan --prior nothing.json -o p.yaml": "nothing.json",
@@ -71,7 +69,6 @@ MISUSE = {
     "plan --check p.yaml --minutes 5": "--check",
     "plan --payload a,b,c,d": "valid float",
     "plan --payload 10": "not 4",
-    "plan --speeds fast": "speeds",
     "plan --format gcode": "urscript",
 }
 

@@ -141,20 +141,16 @@ def test_too_little_time_is_told():
 
 
 def test_asked_for_is_done():
-    """As many postures as the user names, or more; the speeds and the passes are those of the plan."""
-    found = plan(PENDULUM, speeds=(0.1, 0.2, 0.4, 0.8), postures_per_joint=4, replicates=3, seed=1)
-    runs = fitted(found, 1)
-    assert len({motion.hold for motion in runs}) >= 4
-    shares = {round(motion.velocity / top_speed(PENDULUM, 1), 1) for motion in runs}
-    assert sorted(shares) == [0.1, 0.2, 0.4, 0.8]
-    assert max(Counter(runs).values()) >= 3
+    """A run is made in as many passes as are asked for, in four postures or more."""
+    runs = fitted(plan(PENDULUM, replicates=3, seed=1), 1)
+    assert len({motion.hold for motion in runs}) >= 4 and max(Counter(runs).values()) >= 3
 
 
 def test_all_faults_are_told_together():
     """Bad arguments are collected."""
     with pytest.raises(Faults) as caught:
-        plan(PENDULUM, minutes=-1.0, speeds=(0.1, 2.0), replicates=0)
-    assert [fault.slug for fault in caught.value.faults] == ["plan-impossible"] * 4
+        plan(PENDULUM, minutes=-1.0, replicates=0)
+    assert [fault.slug for fault in caught.value.faults] == ["plan-impossible"] * 2
 
 
 @pytest.mark.parametrize(

@@ -164,13 +164,6 @@ def _list_robots(as_json: bool) -> None:
 
 #: Notes that ask for attention where a given plan is checked.
 ATTENTION = ("plan-strikes", "plan-lacks", "plan-dark", "plan-unusable")
-#: Options that shape a whole plan.
-SHAPES = ("minutes", "speeds", "postures", "replicates")
-#: Two options, the second one of several, that do not go together, and why.
-EXCLUDES = (
-    ("check", SHAPES, "--check looks at a plan; it has its time, speeds and passes"),
-    ("motion", ("check", "speeds", "postures", "replicates"), "--motion plans a trajectory of all joints"),
-)
 
 
 @click.command()
@@ -182,14 +175,6 @@ EXCLUDES = (
     metavar="KIND",
     help="All joints at once: fourier or picks. [2 min]",
 )
-@click.option(
-    "--speeds",
-    callback=options.separated(click.FLOAT),
-    metavar="S,S,S",
-    help="Shares of top speeds, 3 or more.",
-)
-@click.option("--postures", type=int, metavar="N", help="Postures a joint, at least. [default: 4]")
-@click.option("--replicates", type=int, metavar="N", help="Passes over the arm. [default: 2 or more]")
 @click.option("--prior", type=options.FILE, metavar="MODEL", help="A model of the arm to plan for.")
 @click.option(
     "--payload",
@@ -235,8 +220,9 @@ def plan(
     from pumaid.reporting.run_tables import plan_tables
     from pumaid.trajectory import Plan
 
-    _refuse_contradictions(asked)
     given = asked["check"]
+    if given is not None and (asked["minutes"] is not None or asked["motion"] is not None):
+        raise click.UsageError("--check looks at a plan, which has its time and kind of motion already.")
     if given is not None and recipe is None:
         recipe = Experiment((str(given),)).recipe_path  # a plan lies beside its recipe
     experiment = Experiment(recipe=recipe, tell=remark)
@@ -263,14 +249,6 @@ def plan(
     return given is not None and any(note.slug in ATTENTION for note in made.notes)
 
 
-def _refuse_contradictions(options: dict[str, Any]) -> None:
-    """Refuse options (name -> value) that do not go together."""
-    given = {name for name, value in options.items() if value not in (None, ())}
-    wrong = [reason for name, rivals, reason in EXCLUDES if name in given and given & set(rivals)]
-    if wrong:
-        raise click.UsageError(wrong[0])
-
-
 def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[str], None]) -> Plan:
     """The plan that the options (name -> value) ask for, or the one that ``--check`` names with what it promises."""
     from pumaid.design import motion
@@ -290,16 +268,7 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
     if options["motion"] is not None:
         kind, minutes = options["motion"], options["minutes"]
         return motion.plan_motion(robot, kind, minutes=minutes, payload=options["payload"], **shared)
-
-    return design.plan(
-        robot,
-        minutes=options["minutes"],
-        speeds=options["speeds"],
-        postures_per_joint=options["postures"],
-        replicates=options["replicates"],
-        payload=options["payload"],
-        **shared,
-    )
+    return design.plan(robot, minutes=options["minutes"], payload=options["payload"], **shared)
 
 
 # simulate
