@@ -107,10 +107,10 @@ class JointBins:
 
     @cached_property
     def speeds(self) -> tuple[float, ...]:
-        """Distinct speeds, rising, rad/s or m/s; of blocks, in which a joint has any, tenths of those it has."""
-        moving = np.abs(self.samples.velocity[self.is_block[self.run], self.joint - 1])
-        blocks = np.quantile(moving, np.linspace(0.1, 0.9, 9)).tolist() if len(moving) else []
-        return distinct([*(abs(run.speed) for run in self.runs if run.kind != BLOCK), *blocks])
+        """Distinct speeds, rising, rad/s or m/s; where a joint accelerates, tenths of those it has."""
+        moving = np.abs(self.samples.velocity[self.accelerates[self.run], self.joint - 1])
+        tenths = np.quantile(moving, np.linspace(0.1, 0.9, 9)).tolist() if len(moving) else []
+        return distinct([*(abs(run.speed) for run in self.runs if not run.accelerates), *tenths])
 
     @property
     def directions(self) -> frozenset[int]:
@@ -200,11 +200,12 @@ class JointBins:
         """(3 N, ...) values at the nodes as (N, ...) means over the bins."""
         return np.einsum("ng,ng...->n...", self.nodes[1], values.reshape(len(self), 3, *values.shape[1:]))
 
-    def variance(self, values: Floats) -> Floats:
-        """(N,) variance inside the bins of (3 N,) values at the nodes; none in blocks, see `inside_left`."""
-        three = values.reshape(len(self), 3)
-        spread = np.sum(self.nodes[1] * (three - self.averaged(values)[:, None]) ** 2, axis=1)
-        return np.where(self.is_block[self.run], 0.0, spread)
+    def variance(self, values: Floats, waves: Floats) -> Floats:
+        """(N,) variance inside the bins of (3 N,) values at the nodes; in parts of blocks' cells of `waves` among them,
+        since what else a prediction has there is no part of `inside`."""
+        values = np.where(np.repeat(self.is_block[self.run], 3), waves, values)
+        apart = (values - np.repeat(self.averaged(values), 3)).reshape(-1, 3)
+        return np.where(self.is_cells[self.run], 0.0, np.sum(self.nodes[1] * apart**2, axis=1))
 
     def rises(self, values: Floats) -> Floats:
         """(N,) central difference of values from bin to bin inside each run, one-sided at its ends."""

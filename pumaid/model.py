@@ -166,6 +166,8 @@ class Model:
         self.is_scaled = np.array([column.scope is Scope.LINK for column in self.columns], dtype=bool)
         self.is_weight = np.array([column.effect == "gravity" for column in self.columns], dtype=bool)
         self.is_geared = np.array([not name.startswith("rotor.") for name in self.names], dtype=bool)
+        kinds = [None if column.place is None else self.effects[column.place].effect for column in self.columns]
+        self.is_wave = np.array([kind is not None and kind.periodic is not None for kind in kinds], dtype=bool)
         self.is_load = self.is_weight | self.is_scaled & [column.effect == KNOWN_LOAD for column in self.columns]
 
     def with_effects(self, effects: Sequence[EffectTerm]) -> "Model":

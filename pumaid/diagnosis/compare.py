@@ -334,7 +334,7 @@ class _Decomposition:
         both = np.hstack([turning * (nodes.direction > 0)[:, None], turning * (nodes.direction < 0)[:, None]])
         means = self.bins.averaged(both)
         size = np.linalg.lstsq(means * root[:, None], self.residual * root, rcond=1e-9)[0]
-        within = float(self.weight @ self.bins.variance(both @ size))
+        within = float(self.weight @ self.bins.variance(both @ size, both @ size))
         basis = _orthonormal(means, self.weight, self.basis)
         return Portion(RIPPLE, chance, basis, float(np.sum(self._along(basis) ** 2)), within, frequency)
 

@@ -14,6 +14,8 @@ from pumaid.maths import Floats, inverse_root, pseudo_inverse
 #: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
 #: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
 KEPT, MOST_LEAVING = 0.01, 1.0 / 3.0
+#: Standard errors by which the error of runs left out must fall.
+STEADY = 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -32,6 +34,11 @@ class FoldLosses:
         """Mean fall in its own standard errors."""
         error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls)) if len(self.falls) > 1 else 0.0
         return float(self.falls.mean()) / error if error > 0 else 0.0
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the error falls, steadily."""
+        return self.falls.sum() > 0.0 and self.steadiness > STEADY
 
 
 def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
@@ -155,9 +162,10 @@ def rmse_of(fit: Fit, heldout: Sequence[JointBins]) -> tuple[float, float | None
     parts = list[Floats]()
     for bins in heldout:
         factors = np.nan_to_num(fit.model.factors(fit.scales(), bins.joint))
-        drawn = fit.model.at_nodes(bins, with_loads(fit, bins, at_nodes=True).loads) @ (factors * fit.values)
+        columns = fit.model.at_nodes(bins, with_loads(fit, bins, at_nodes=True).loads)
+        drawn, waves = (columns @ (factors * fit.values * part) for part in (1.0, fit.model.is_wave))
         misfit = bins.current - bins.averaged(drawn)
-        square = misfit**2 + bins.inside_left(bins.current - misfit, bins.variance(drawn))
+        square = misfit**2 + bins.inside_left(bins.current - misfit, bins.variance(drawn, waves))
         parts.append(np.column_stack([bins.sums(bins.count * square), bins.sums(bins.count)]))
     squares, counts = np.vstack(parts).T
     rmse, runs = float(np.sqrt(squares.sum() / counts.sum())), len(counts)

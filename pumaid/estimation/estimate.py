@@ -440,7 +440,7 @@ def _inside(row: FitRow) -> tuple[Floats, Floats]:
     inside = bins.inside_left(bins.current - residual)
     samples = bins.sums(bins.count)
     squares = bins.sums(bins.count * (residual**2 + inside)) / np.maximum(samples - terms, 1.0)
-    return np.where(bins.is_block, fast_squares(bins, row.misfit), squares), samples
+    return np.where(bins.is_block, fast_squares(bins, row.misfit, bins.inside), squares), samples
 
 
 def _spikes(prediction: JointPrediction) -> list[float]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any, TypeVar
 
@@ -209,7 +209,8 @@ class JointPrediction:
         self.parts = bins.averaged(fine_parts)
         self.predicted, drawn = self.parts.sum(axis=1), fine_parts.sum(axis=1)
         self.residual = bins.current - self.predicted
-        self.inside = bins.inside_left(self.predicted, bins.variance(drawn))
+        waves = fine @ (self._factors * estimate.solution * model.is_wave)
+        self.inside = bins.inside_left(self.predicted, bins.variance(drawn, waves))
         self.samples = bins.sums(count)
         self.square = bins.sums(count * (self.residual**2 + self.inside))
         self.current_square = bins.sums(count * (bins.current**2 + bins.inside))
@@ -220,7 +221,8 @@ class JointPrediction:
     @cached_property
     def products(self) -> Floats:
         """(R, E) A2 sums of the current times each part."""
-        drawn, variance = self._fine_parts.sum(axis=1), self.bins.variance
+        drawn = self._fine_parts.sum(axis=1)
+        variance = partial(self.bins.variance, waves=0.0 * drawn)
         covariance = [0.25 * (variance(drawn + part) - variance(drawn - part)) for part in self._fine_parts.T]
         products = self.bins.current[:, None] * self.parts + np.column_stack(covariance)
         return self.bins.sums(self.bins.count[:, None] * products)
@@ -249,7 +251,7 @@ class JointPrediction:
     def noise_inside(self) -> float | None:
         """RMS (A) of a sample of what comes and goes within tenths of a second in `counted` blocks; None without."""
         blocks = np.flatnonzero(self.bins.is_block & self.counted)
-        square = fast_squares(self.bins, self.residual)[self.bins.is_block & self.counted]
+        square = fast_squares(self.bins, self.residual, self.inside)[self.bins.is_block & self.counted]
         return float(np.sqrt(np.average(square, weights=self.samples[blocks]))) if len(blocks) else None
 
     @cached_property
@@ -353,7 +355,7 @@ class JointPrediction:
         return f"this run needs {' and '.join(names)}, which the fitted data do not determine"
 
 
-def fast_squares(bins: JointBins, residual: Floats) -> Floats:
+def fast_squares(bins: JointBins, residual: Floats, inside: Floats) -> Floats:
     """(R,) A2 of a sample of each block that comes and goes within some tenths of a second; NaN of other runs."""
     out = np.full(len(bins.runs), np.nan)
     for n in np.flatnonzero(bins.is_block):
@@ -362,7 +364,7 @@ def fast_squares(bins: JointBins, residual: Floats) -> Floats:
         third = np.convolve(residual[cells], np.kron([1.0, -3.0, 3.0, -1.0], np.eye(1, apart)[0]), "valid")
         # Windows of neighbouring cells share two of their three.
         times = 8.4 if bins.is_cells[n] and apart == 1 else 20.0
-        out[n] = np.average(bins.inside[cells], weights=bins.count[cells]) + np.mean(third**2) / times
+        out[n] = np.average(inside[cells], weights=bins.count[cells]) + np.mean(third**2) / times
     return out
 
 
