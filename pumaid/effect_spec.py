@@ -257,7 +257,8 @@ def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectC
         what, mend = f"{robot.name} has no joint {choice.joint}", f"joints count from 1 to {robot.n_joints}"
         raise ModelError("effect-joint", what, where, mend)
     numbers = (0,) if effect.scope is Scope.ARM else joints if choice.joint is None else (choice.joint,)
-    refusals = {number: effect.applies(robot, number) for number in numbers}
+    is_named = choice.joint is not None  # what any motion may load; that constant speed does not, the fit says
+    refusals = {number: effect.applies(robot, number, in_motion=is_named) for number in numbers}
     if None not in refusals.values():
         what = f"{effect.name} cannot act there: {next(iter(refusals.values()))}"
         raise ModelError("effect-joint", what, where, "leave it out")

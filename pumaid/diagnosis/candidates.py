@@ -61,7 +61,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     groups, excluded = {}, {}
     for effect in (x for x in effects or catalogue().values() if not (x.base or x.is_free)):
         for joint in owners.get(effect.scope, moving):
-            why = None if joint is None else effect.applies(robot, joint)
+            why = None if joint is None else effect.applies(robot, joint, in_motion=solved.model.is_dynamic)
             if why is not None:
                 excluded[effect.name, joint] = why
             elif effect.periodic is not None:

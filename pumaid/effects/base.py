@@ -283,12 +283,16 @@ class Effect:
         """The shapes that tell it from the same effect at the same joint: all where that may be, else none."""
         return dict(shape) if self.is_repeatable else {}
 
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        """Why the effect cannot act at (or be caused by) `joint` (from 1; 0: the whole arm), or None where it can."""
+    def applies(self, robot: Robot, joint: int, *, in_motion: bool = False) -> str | None:
+        """Why the effect cannot act at (or be caused by) `joint` (from 1; 0: the whole arm), or None where it can.
+
+        `in_motion` joints carry loads of inertia, too.
+        """
         if self.not_sliding and not robot.joint(joint).is_revolute:
             return f"joint {joint} slides: {self.not_sliding}"
         numbers = [joint] if joint else range(1, robot.n_joints + 1)
-        refusals = [load_refusal(robot, number) for number in numbers] if self.only_loaded else [None]
+        is_loaded = not self.only_loaded or (in_motion and "load" in names_in(self.formula))
+        refusals = [None] if is_loaded else [load_refusal(robot, number) for number in numbers]
         return None if None in refusals else "; ".join(map(str, refusals))
 
 

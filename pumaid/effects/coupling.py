@@ -46,6 +46,6 @@ class Coupling(Effect):
             ),
         )
 
-    def applies(self, robot: Robot, joint: int) -> str | None:
+    def applies(self, robot: Robot, joint: int, *, in_motion: bool = False) -> str | None:
         first = "joint 1 has no joint before it whose motor could carry its load"
         return first if joint == 1 else super().applies(robot, joint)

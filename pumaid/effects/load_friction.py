@@ -31,5 +31,5 @@ class LoadFriction(Effect):
         Parameter("back", "1", "friction per load while the motor lowers it", "back{n}", 0.08, -5.0, 5.0, sign=1),
     )
 
-    def applies(self, robot: Robot, joint: int) -> str | None:
-        return load_refusal(robot, joint, must_change=True)
+    def applies(self, robot: Robot, joint: int, *, in_motion: bool = False) -> str | None:
+        return None if in_motion else load_refusal(robot, joint, must_change=True)

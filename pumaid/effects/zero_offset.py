@@ -28,7 +28,7 @@ class ZeroOffset(Effect):
     look_alikes = ("tilt", "coupling", "counterbalance", "flexibility")
     linear = (Parameter("delta", "rad", "true position less measured position", "delta{n}", 0.03, -0.5, 0.5),)
 
-    def applies(self, robot: Robot, joint: int) -> str | None:
+    def applies(self, robot: Robot, joint: int, *, in_motion: bool = False) -> str | None:
         if not robot.joint(joint).is_revolute:
             return f"a shift of joint {joint}'s zero adds a constant lever, which the links' first moments absorb"
         if (upright := load_refusal(robot, joint)) is not None:

@@ -96,6 +96,7 @@ REASONS: dict[str, tuple[str, str | None]] = {
     "at bound": ("best at its bound, {bound}", None),
     "any value": ("these data fit nearly as well with any value of it that is physical", None),
     "no effect": ("nothing in these runs depends on it", None),
+    "unloaded": ("{why}, and inertia loads it in no run", "move all joints at once, as at work"),
     "no size": ("no size of {effect} shows in these data", None),
     "load alike": (
         "the known loads were alike in all runs of the joints that feel them, so they pass for a part of the last link",
@@ -191,6 +192,8 @@ def of_column(
         more = MORE.get(term.effect.family, TRAVEL)
         if column.shape in term.held:
             return reason("at bound", bound=number(term.shape[column.shape]), more=more)
+        if not partners and (why := term.effect.applies(model.robot, column.owner)) is not None:
+            return reason("unloaded", why=why)
         if column.shape is not None or not partners:
             return reason("no effect" if column.shape is None else "any value", more=more)
         rest = [name for name in partners if name.split(".")[0] != column.effect]
