@@ -37,7 +37,8 @@ from pumaid.diagnosis.candidates import minus_log10_p
 from pumaid.diagnosis.detection_limits import detection_limits
 from pumaid.diagnosis.diagnose import DiagnosisBuilder, diagnose
 from pumaid.diagnosis.records import ADD, UNEXPLAINED_JOINT
-from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
+from pumaid.diagnosis.score_test import LEVEL
+from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effects import catalogue
 from pumaid.errors import ModelError
 from pumaid.estimate import Estimate

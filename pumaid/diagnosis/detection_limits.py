@@ -9,12 +9,14 @@ from pumaid.diagnosis.candidates import PERIODIC, Key
 from pumaid.diagnosis.records import Limit
 from pumaid.diagnosis.score_test import (
     GROSS,
+    LEVEL,
+    WORTH,
     ScoreTable,
     ScoreTest,
     SignFlips,
     alike,
+    rmse,
 )
-from pumaid.diagnosis.stepwise import LEVEL, WORTH, rmse
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Projector
 from pumaid.robot import Robot

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from pumaid.dataset import CONSTANT, STROKE, Dataset, Run, first_motions
-from pumaid.diagnosis.candidates import Candidates, Suspect, Together
+from pumaid.diagnosis.candidates import Suspect, Together
 from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.detection_limits import TINY, detection_limits
 from pumaid.diagnosis.forecasts import forecast, with_effect
-from pumaid.diagnosis.free_forms import FORM_VARIABLES, FreeForm, free_form_scores, knot_values
+from pumaid.diagnosis.free_forms import FORM_VARIABLES, FormTest, free_form_tests, knot_values
 from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer
 from pumaid.diagnosis.records import (
     ABSENT,
@@ -36,17 +36,16 @@ from pumaid.diagnosis.records import (
     Size,
     Unexplained,
 )
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, replicate_test, sign_flips
-from pumaid.diagnosis.stepwise import (
+from pumaid.diagnosis.score_test import (
     DECISIVE,
     LEVEL,
     EvaluatedCandidate,
-    Stepwise,
     covariance_of,
-    evidence,
     misfit_with,
+    replicate_test,
     rmse,
 )
+from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm, expanded, option_text, reopened, terms_of
 from pumaid.effects import Family, Samples, Scope, catalogue
 from pumaid.effects.curve import knots_of, spoken_form
@@ -270,15 +269,9 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
     a, b = first.by_bin[joint], last.by_bin[joint]
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
     is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
-    forms = free_form_scores(last, joint)
-    chances = sign_flips(ScoreTable(last, Candidates(), tuple(forms)))
-    passing = [
-        form
-        for form in forms
-        if chances.p_value(form.added.key, form.surprise(last.scale)) * len(last.joints) <= NAMELESS
-    ]
-    best = max(passing, key=lambda form: evidence(last, form), default=None)
-    is_clear = best is not None and evidence(last, best) > DECISIVE
+    forms = free_form_tests(last, joint)
+    best = next((form for form in forms if form.p_value * len(last.joints) <= NAMELESS), None)
+    is_clear = best is not None and best.evidence > DECISIVE
     is_gone, shape = False, None
     verdict = MISSING if acting else ADEQUATE
     if acting and after is not None and after.floor is not None:
@@ -287,19 +280,17 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
         start2, end2 = (rmse(item.bins, item.misfit) ** 2 for item in (a, b))
         is_gone = start2 > EXCESS * floor2 and start2 - end2 >= ENOUGH * (start2 - min(floor2, end2))
     if is_clear or (is_repeated and not is_gone):
-        verdict, top = UNEXPLAINED_JOINT, best or max(forms, key=lambda form: evidence(last, form), default=None)
-        shape = None if top is None else _shape(last, top, is_clear=is_clear)
+        verdict, top = UNEXPLAINED_JOINT, best or next(iter(forms), None)
+        shape = None if top is None else _shape(top, is_clear=is_clear)
     return JointDiagnosis(joint, verdict, "", rmse(a.bins, a.misfit), None, before, unexplained=shape)
 
 
-def _shape(solved: Fit, trial: ScoreTest, *, is_clear: bool) -> Unexplained:
+def _shape(test: FormTest, *, is_clear: bool) -> Unexplained:
     """The free form for people."""
-    free = trial.added.effect
-    assert isinstance(free, FreeForm) and trial.added.joint is not None
-    knots, values, errors = knot_values(solved, trial)
-    unit = FORM_VARIABLES[free.variable][0].format(unit=solved.model.robot.joint(trial.added.joint).position_unit)
+    free, trial, solved, (knots, values, errors) = test.form, test.trial, test.on, knot_values(test)
+    unit = FORM_VARIABLES[free.variable][0].format(unit=solved.model.robot.joint(trial.added.number).position_unit)
     peak = float(knots[int(np.argmax(np.abs(values)))])
-    row = solved.by_bin[trial.added.joint]
+    row = solved.by_bin[trial.added.number]
     freedom = len(row.bins) * (1.0 - solved.rank / max(solved.size, 1))
     explained = max(trial.statistic - trial.width, 0.0)
     excess = max(float(row.residual @ row.residual) - freedom, explained)
@@ -327,11 +318,10 @@ def free_shape(
 ) -> Unexplained | None:
     """The free form, other than some families' own, that explains a joint best, if its evidence is `beyond`."""
     skipped = set[str]().union(*(OWN.get(family, set()) for family in families))
-    forms = [form for form in free_form_scores(solved, joint) if form.added.effect.name not in skipped]
-    best = max(forms, key=lambda form: evidence(solved, form), default=None)
-    if best is None or evidence(solved, best) <= beyond:
+    best = next((test for test in free_form_tests(solved, joint) if test.form.name not in skipped), None)
+    if best is None or best.evidence <= beyond:
         return None
-    return _shape(solved, best, is_clear=evidence(solved, best) > DECISIVE)
+    return _shape(best, is_clear=best.evidence > DECISIVE)
 
 
 class DiagnosisBuilder:
@@ -368,31 +358,36 @@ class DiagnosisBuilder:
         """
         search, out, head = self.search, list[Finding](), IDENTIFY
         noise = {joint: rmse(row.bins, row.misfit) for joint, row in self.fits[-1].by_bin.items()}
-        chosen = [
-            *sorted((x for x in search.accepted if x not in self.stand_ins), key=lambda x: -x.worth(noise)),
-            *(made.candidate for made in self.offers),
-        ]
+        chosen = sorted((x for x in search.accepted if x not in self.stand_ins), key=lambda x: -x.worth(noise))
+        chosen += [made.candidate for made in self.offers]
         terms = [*search.given, *(item.trial.added for item in chosen)]
         bins, heldout = (effect_bins(self.robot, part, terms, begun=search.begun) for part in (runs, search.unseen))
         is_small = len(chosen) * sum(map(len, bins)) <= EXACT
         before = self._identified(choices, runs) if chosen and heldout else None
         before = refit(before, before.model, bins=bins) if before and not is_small else before
-        for candidate in chosen:
-            finding, unseen = self.finding(candidate), [part for part in heldout if part.joint in candidate.after]
-            if finding.command:  # else it is a suspected column, which nothing adds
-                more, after = (*choices, *finding.choices()), None
-                if before and unseen:
+        waiting = [(item, self.finding(item)) for item in chosen]
+        rest = dict[EvaluatedCandidate, Finding]()
+        while waiting:
+            tried = list[tuple[EvaluatedCandidate, Finding, int]]()
+            for candidate, first in waiting:
+                unseen = [part for part in heldout if part.joint in candidate.after]
+                finding, after = replace(first, command=first.command.replace(IDENTIFY, head, 1)), None
+                more = (*choices, *first.choices()) if first.command else choices  # no command adds a suspected column
+                if before and unseen and first.command:
                     after = self._identified(more, runs) if is_small else with_effect(before, candidate.trial.added)
                     finding = forecast(finding, before, after, unseen=unseen)
-                finding = replace(finding, command=finding.command.replace(IDENTIFY, head, 1))
-                if finding.verdict == ADD:
+                if finding.verdict == ADD and first.command:
                     head, before, choices = finding.command, after or before, more
-            if finding.rmse_heldout_before is not None and finding.rmse_heldout_after is not None:
-                spread = np.sqrt(np.mean([noise[joint] ** 2 for joint in candidate.after]))
-                worth = (finding.rmse_heldout_before - finding.rmse_heldout_after) / max(float(spread), TINY)
-                finding = replace(finding, worth=worth)
-            out.append(finding)
-        return tuple(out)
+                if finding.rmse_heldout_before is not None and finding.rmse_heldout_after is not None:
+                    fall = finding.rmse_heldout_before - finding.rmse_heldout_after
+                    spread = np.sqrt(np.mean([noise[joint] ** 2 for joint in candidate.after]))
+                    finding = replace(finding, worth=fall / max(float(spread), TINY))
+                rest[candidate] = finding
+                out += [rest.pop(candidate)] if finding.verdict == ADD else []
+                tried += [(candidate, first, len(out))] * (finding.verdict != first.verdict)
+            # What lowers no error of runs held out may do so beside others there: of several waves, one alone may not.
+            waiting = [(item, first) for item, first, n in tried if any(x.joint in item.after for x in out[n:])]
+        return (*out, *rest.values())
 
     def _identified(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> Fit | None:
         """The model with some effects as `identify` fits it; None where it would refuse that."""
@@ -466,9 +461,9 @@ class DiagnosisBuilder:
         """
         for made in self.offers:
             term = made.candidate.trial.added
-            forms = free_form_scores(made.before, joint) if term.joint == joint else []
-            for form in (form for form in forms if form.added.effect.name == spoken_form(term.shape)):
-                return _shape(made.before, form, is_clear=True)
+            forms = free_form_tests(made.before, joint) if term.joint == joint else []
+            for test in (test for test in forms if test.form.name == spoken_form(term.shape)):
+                return _shape(test, is_clear=True)
         if joint in self.refuted:
             return free_shape(self.fits[-1], joint)
         named = [item for item in self.search.accepted if item.key[1] == joint]

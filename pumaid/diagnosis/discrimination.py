@@ -11,8 +11,7 @@ from pumaid.design.candidate_runs import Block, free_blocks, home, postures, spe
 from pumaid.design.collision import Collision
 from pumaid.diagnosis.candidates import Suspect, grid_of
 from pumaid.diagnosis.records import Finding
-from pumaid.diagnosis.score_test import ScoreTest
-from pumaid.diagnosis.stepwise import DECISIVE, evidence
+from pumaid.diagnosis.score_test import DECISIVE, ScoreTest, evidence
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Trace
 from pumaid.estimation.fit import ABSORBED, Fit, FitRow, elsewhere

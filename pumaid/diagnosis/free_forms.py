@@ -1,12 +1,22 @@
 """Free functions of one variable, scored like effects: the shape of what has no name."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from pumaid.diagnosis.candidates import Expansion
-from pumaid.diagnosis.score_test import ScoreTest, score_of
+from pumaid.diagnosis.candidates import Candidates, Expansion
+from pumaid.diagnosis.score_test import (
+    ScoreTable,
+    ScoreTest,
+    chance_of_pieces,
+    evidence,
+    is_few,
+    score_of,
+    sign_flips,
+    with_noise_beside,
+)
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
 from pumaid.estimation.fit import Fit, Projector
@@ -72,20 +82,57 @@ def forms(bins: JointBins) -> Iterator[FreeForm]:
             yield FreeForm(name, factor, knots)
 
 
-def free_form_scores(solved: Fit, joint: int) -> list[ScoreTest]:
-    """Every free form at one joint, in the directions of its hats that a fit with loads does not absorb."""
-    projector, out = Projector(solved), []
-    for form in forms(solved.by_bin[joint].bins):
+@dataclass(frozen=True, eq=False, slots=True)
+class FormTest:
+    """A free form's score, the fit that shows it, its noise that which the form leaves, and the chance that any form
+    at the joint makes as much."""
+
+    trial: ScoreTest
+    on: Fit
+    p_value: float
+
+    @property
+    def form(self) -> FreeForm:
+        """The form."""
+        assert isinstance(self.trial.added.effect, FreeForm)
+        return self.trial.added.effect
+
+    @property
+    def evidence(self) -> float:
+        """As of a candidate."""
+        return evidence(self.on, self.trial)
+
+
+def free_form_tests(solved: Fit, joint: int) -> list[FormTest]:
+    """Every free form at one joint, the likeliest first, in the directions of its hats that a fit with loads does not
+    absorb. Where runs are few their flips tell nothing, and each hat is tested by pieces of runs."""
+    row, tests = solved.by_bin[joint], list[tuple[ScoreTest, Fit]]()
+    for form in forms(row.bins):
         term = EffectTerm(form, joint)
-        scores, information, raw = _hat_scores(projector, term)
-        visible = np.flatnonzero(np.diagonal(information) > KNOT_ABSORBED * raw)
-        if len(visible) < 2:
-            continue
-        values, vectors = np.linalg.eigh(information[np.ix_(visible, visible)])
-        turn = vectors[:, values > HATS_FLAT * values[-1]]
-        information, free = turn.T @ information[np.ix_(visible, visible)] @ turn, np.zeros(turn.shape[1])
-        out.append(score_of(term, scores[:, visible] @ turn, information, share=free + 1.0, signs=free))
-    return [trial for trial in out if trial is not None]
+        on = solved if row.noise.from_replicates else with_noise_beside(solved, row.bins, term)
+        trial = _scored(on, term)
+        tests += [(trial, on)] if trial is not None else []
+    chances = sign_flips(ScoreTable(solved, Candidates(), tuple(trial for trial, _ in tests)))
+    counts, out = [len(trial.added.parameters(solved.model.robot)) for trial, _ in tests], list[FormTest]()
+    for (trial, on), count in zip(tests, counts, strict=True):
+        chance = chances.p_value(trial.added.key, trial.surprise(on.scale))
+        if is_few(solved, joint) and evidence(on, trial) > 0.0:
+            by_hat = [chance_of_pieces(on, replace(trial, sizes=hat), sum(counts)) for hat in np.eye(count)]
+            chance = min(1.0, 2.0 * min(chance, *by_hat))
+        out.append(FormTest(trial, on, chance))
+    return sorted(out, key=lambda test: -test.evidence)
+
+
+def _scored(solved: Fit, term: EffectTerm) -> ScoreTest | None:
+    """A form's score; None where the model absorbs all but one hat."""
+    scores, information, raw = _hat_scores(Projector(solved), term)
+    visible = np.flatnonzero(np.diagonal(information) > KNOT_ABSORBED * raw)
+    if len(visible) < 2:
+        return None
+    values, vectors = np.linalg.eigh(information[np.ix_(visible, visible)])
+    turn = vectors[:, values > HATS_FLAT * values[-1]]
+    information, free = turn.T @ information[np.ix_(visible, visible)] @ turn, np.zeros(turn.shape[1])
+    return score_of(term, scores[:, visible] @ turn, information, share=free + 1.0, signs=free)
 
 
 def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats, Floats]:
@@ -95,13 +142,11 @@ def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats,
     return scores, information[0], raw
 
 
-def knot_values(solved: Fit, trial: ScoreTest) -> tuple[Floats, Floats, Floats]:
+def knot_values(test: FormTest) -> tuple[Floats, Floats, Floats]:
     """Knots, values there (A, as a current in the direction of motion where the form says so) and standard errors."""
-    free = trial.added.effect
-    assert isinstance(free, FreeForm)
-    scores, information, raw = _hat_scores(Projector(solved), trial.added)
+    scores, information, raw = _hat_scores(Projector(test.on), test.trial.added)
     unit = np.divide(1.0, np.sqrt(raw), out=np.zeros_like(raw), where=raw > 0.0)
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     good = values > DRAWN
     inverse = unit[:, None] * ((vectors[:, good] / values[good]) @ vectors[:, good].T) * unit
-    return free.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * solved.scale)
+    return test.form.knots, inverse @ scores.sum(axis=0), np.sqrt(np.diagonal(inverse) * test.on.scale)

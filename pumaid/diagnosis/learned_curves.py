@@ -6,12 +6,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from pumaid.diagnosis.candidates import Candidates
 from pumaid.diagnosis.cross_validation import confirmed_share, leave_out, replicate_folds, rmse_of
-from pumaid.diagnosis.free_forms import free_form_scores
+from pumaid.diagnosis.free_forms import free_form_tests
 from pumaid.diagnosis.records import Size
-from pumaid.diagnosis.score_test import ScoreTable, ScoreTest, score_at, sign_flips
-from pumaid.diagnosis.stepwise import DECISIVE, EvaluatedCandidate, Stepwise, evidence, misfit_with, rmse
+from pumaid.diagnosis.score_test import DECISIVE, EvaluatedCandidate, ScoreTest, evidence, misfit_with, rmse, score_at
+from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.curves import informed, learned
@@ -42,7 +41,10 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     if not is_unexplained and len(there) < 2:
         return None
     rest = [term for term in added if not any(term is item.trial.added for item in there)]
-    bare, best = search.solved(rest, last.noises, beside=added), None
+    forms = free_form_tests(last, joint)
+    last = forms[0].on if forms else last  # what has no name passes for noise where no run is repeated
+    noises = last.noises | {joint: last.by_bin[joint].noise}
+    bare, best = search.solved(rest, noises, beside=added), None
     usual = _gain(bare, last, _terms(there))
     if not is_unexplained and _best(bare, joint)[1] <= usual + DECISIVE:
         return None
@@ -51,10 +53,10 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
         form = EffectTerm(form.effect, joint, form.effect.chosen(form.shape))
         curve, staying = learned(Projector(bare), form)[0], list[EvaluatedCandidate]()
         for item in sorted(there, key=lambda item: -item.evidence):
-            fitted = search.solved([*rest, *_terms(staying), curve], last.noises, beside=added)
+            fitted = search.solved([*rest, *_terms(staying), curve], noises, beside=added)
             again = score_at(Projector(fitted), item.trial.added)
             staying += [item] if again is not None and evidence(fitted, again) > DECISIVE else []
-        beside = search.solved([*rest, *_terms(staying)], last.noises, beside=added)
+        beside = search.solved([*rest, *_terms(staying)], noises, beside=added)
         curve, more = learned(Projector(beside), form)
         total = more + _gain(bare, beside, _terms(staying))
         if best is None or total > best[0]:
@@ -101,13 +103,11 @@ def _judged(
     fall = float(scores.sum(axis=0) @ sizes)
     trial = ScoreTest(curve, fall, information + np.diag(prior), sizes, scores, 1.0, 0.0 * sizes)
     row, misfit = before.by_bin[joint], misfit_with(before, trial)
-    forms = free_form_scores(before, joint)
-    chances = sign_flips(ScoreTable(before, Candidates(), tuple(forms)))
-    tried = [chances.p_value(form.added.key, form.surprise(before.scale)) for form in forms]
+    chance = min((test.p_value for test in free_form_tests(before, joint)), default=1.0)
     return EvaluatedCandidate(
         trial,
         before,
-        min(1.0, len(before.joints) * min(tried, default=1.0)),
+        min(1.0, len(before.joints) * chance),
         more,
         cache(partial(leave_out, before, (curve,), replicate_folds(before, [joint]), prior=prior)),
         {joint: rmse(row.bins, row.misfit)},

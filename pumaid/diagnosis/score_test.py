@@ -1,6 +1,8 @@
-"""Tests of a candidate: its score beside a fit, the best of the catalogue by sign flips, and what repeats."""
+"""Tests of a candidate: its score beside a fit, the best of the catalogue by sign flips, what repeats, all gates."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -9,16 +11,20 @@ import numpy as np
 from scipy import special
 
 from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
-from pumaid.diagnosis.records import Repeats
+from pumaid.diagnosis.cross_validation import FoldLosses
+from pumaid.diagnosis.records import Repeats, Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import USUAL, Scope
-from pumaid.estimation.fit import ABSORBED, Fit, Projector
+from pumaid.estimation.fit import ABSORBED, Fit, Projector, at_bins, with_loads
+from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats, by_key, inverse_root, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum. Least share of an information that is left for a residual where few runs feed many parameters.
 SINGULAR, LEAST_FREEDOM = 1e4, 0.25
+#: Share of the whitened square that no effect takes away but by rounding.
+EXACT = 1e-9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -327,6 +333,30 @@ def is_few(on: Fit, joint: int | None) -> bool:
     return any(len(row.bins.runs) < FEW_RUNS for row in rows)
 
 
+def evidence(on: Fit, trial: ScoreTest) -> float:
+    """Twice the gain in log likelihood less (parameters) x log(runs): effects between runs have only runs to go by.
+
+    The variance is that which is left with the effect, so that large effects are told apart as well as small ones.
+
+    Source
+    ------
+    G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
+    """
+    runs = [len(row.bins.runs) for row in on.joints]
+    remaining = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
+    gain = max(on.size - on.rank, 1) * float(np.log(on.square / remaining)) if trial.statistic > 0.0 else 0.0
+    # Parameters that the model absorbs are not counted.
+    return gain - ((np.count_nonzero(trial.sizes) or trial.width) + len(trial.added.shape)) * float(
+        np.log(max(sum(runs) / len(runs), 2.0))
+    )
+
+
+def with_noise_beside(solved: Fit, bins: JointBins, term: EffectTerm) -> Fit:
+    """A fit at some bins of a joint, the noise there what is left beside an effect: what it explains is none."""
+    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins))
+    return at_bins(solved, bins, noise_of(bins, misfit - columns @ np.linalg.lstsq(columns, misfit, rcond=None)[0]))
+
+
 def projected(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
     """(N, V) columns of an effect by joint, and (P, V) what of each parameter the fit has in their place."""
     projector = Projector(on)
@@ -358,7 +388,9 @@ def chance_of_pieces(on: Fit, trial: ScoreTest, tests: int) -> float:
     score, gram = np.vstack(scores), np.vstack(grams)
     total, half = score.sum(axis=0), inverse_root(gram.sum(axis=0))
     width = half.shape[1]
-    share = np.einsum("pk,npq,qk->n", half, gram, half) / max(width, 1)
+    if not width:
+        return 1.0
+    share = np.einsum("pk,npq,qk->n", half, gram, half) / width
     remaining = (score - gram @ (half @ (half.T @ total))) / np.sqrt(np.maximum(1.0 - share, LEAST))[:, None]
     freedoms = 1.0 / float(share @ share) - width
     square = float(total @ pseudo_inverse(remaining.T @ remaining)[0] @ total)
@@ -411,3 +443,117 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats |
     chance = float(1 + np.count_nonzero(flipped >= observed * (1.0 - 1e-12))) / (1 + PAIR_FLIPS)
     share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
     return Repeats(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))
+
+
+#: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
+#: experiment in twenty is told that something is missing when nothing is.
+LEVEL = 0.03
+#: Standard errors beyond which a sign is no chance.
+DOUBT = 3.0
+#: Share by which an effect must lower the RMSE of some joint to be worth a parameter: far below what a user would mind,
+#: since fast waves well beyond chance may hide deep in slow noise.
+WORTH = 0.0005
+#: Difference of evidence beyond which one effect is decidedly better (odds of 150).
+DECISIVE = 10.0
+#: Share of a parameter's information below which its shapes have all of it.
+SHOWN = 1e-6
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EvaluatedCandidate:
+    """A candidate at its best shape, and the fit that it was tried on.
+
+    `p_value` is family-wise, `evidence` twice the gain in log likelihood less what its parameters would gain by chance.
+    `left_out` works out, when first asked, what leaving runs out says, `before` and `after` (A) are the
+    RMSE of the fitted samples by joint that it touches, `transfer` says how much of it runs held out showed once it had
+    been added, `rivals` are those which these data cannot tell from it, once it was added.
+    """
+
+    trial: ScoreTest
+    on: Fit
+    p_value: float
+    evidence: float
+    left_out: Callable[[], FoldLosses]
+    before: dict[int, float]
+    after: dict[int, float]
+    transfer: Transfer | None = None
+    rivals: tuple[EvaluatedCandidate, ...] = ()
+
+    @property
+    def key(self) -> Key:
+        """Effect and joint."""
+        return self.trial.added.key
+
+    @property
+    def log_odds(self) -> float:
+        """Twice the logarithm of its odds, but for what all candidates share: evidence and how usual the effect is."""
+        return self.evidence + 2.0 * float(np.log(self.trial.added.effect.prior_odds))
+
+    @property
+    def gain(self) -> float:
+        """Largest share by which a joint's RMSE falls."""
+        return max((1.0 - after / self.before[joint] for joint, after in self.after.items()), default=0.0)
+
+    def worth(self, noise: Mapping[int, float]) -> float:
+        """Largest fall of a joint's mean squared error over that of its noise (A), which is the same in any order."""
+        falls = {joint: self.before[joint] ** 2 - after**2 for joint, after in self.after.items()}
+        return max((fall / max(noise[joint] ** 2, 1e-300) for joint, fall in falls.items()), default=0.0)
+
+    @property
+    def predicts(self) -> bool:
+        """Whether it lowers the error of runs that were left out, steadily."""
+        return self.left_out().predicts
+
+    @property
+    def fault(self) -> str | None:
+        """Which gate it misses; None where it passes all."""
+        if self.p_value > LEVEL:
+            return "chance"
+        if not self.predicts:
+            return "heldout"
+        if self.transfer is not None and self.transfer.is_denied:
+            return "denied"
+        return "worth" if self.gain < WORTH else None
+
+
+def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
+    """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
+    (plain, turned), out = projected(on, trial), dict[int, Floats]()
+    for joint, columns in plain.items():
+        row = on.by_bin[joint]
+        out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
+    return out
+
+
+def drives(on: Fit, trial: ScoreTest) -> bool:
+    """Whether friction with this effect, all else refitted, has Coulomb friction that drives the motion beyond doubt.
+
+    Such a friction is none: a fall from a height beyond all friction, say, is only another curve of speed.
+    """
+    name, size = f"coulomb.j{trial.added.joint}.", len(on.values) * trial.added.effect.opposes_motion
+    way = np.array([(x == f"{name}plus") - 1.0 * (x == f"{name}minus") for x in on.model.names[:size]])
+    turned = way @ projected(on, trial)[1][:size]
+    before, after = float(way @ on.values[:size]), float(way @ on.values[:size] - turned @ trial.sizes)
+    spread = way @ on.inverse[:size, :size] @ way + turned @ pseudo_inverse(trial.information)[0] @ turned
+    return bool(before * after < 0.0 and after**2 > DOUBT**2 * on.scale * spread)
+
+
+def covariance_of(candidate: EvaluatedCandidate) -> Floats:
+    """(m, m) of its linear parameters, its shapes refitted too; infinite where it is not told apart from its shapes."""
+    solved, trial, count = candidate.on, candidate.trial, len(candidate.trial.sizes)
+    term, information = trial.added.searched(solved.model.robot), trial.information
+    if term.fitted and not term.effect.periodic:  # a frequency is given to the fit, not fitted
+        projector = Projector(solved)
+        white = projector.whitened(projector.columns([term.at({}, trial.sizes.tolist())]))
+        if white:
+            information = projector.scores(white, next(iter(white.values())).shape[1])[1][0]
+    among, with_shapes, shapes = information[:count, :count], information[:count, count:], information[count:, count:]
+    if len(shapes):
+        among = among - with_shapes @ pseudo_inverse(shapes)[0] @ with_shapes.T
+    is_shown = np.diagonal(among) > SHOWN * np.diagonal(information)[:count]
+    return np.where(np.outer(is_shown, is_shown), pseudo_inverse(among)[0] * solved.scale, np.inf)
+
+
+def rmse(bins: JointBins, misfit: Floats) -> float:
+    """RMSE (A) of the samples in some bins."""
+    return float(np.sqrt(bins.count @ bins.squares(misfit) / bins.count.sum()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -11,48 +11,41 @@ import numpy as np
 
 from pumaid.dataset import FirstMotions, Run
 from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, settling, spectrum
-from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
+from pumaid.diagnosis.cross_validation import confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
+    DECISIVE,
     FEWEST_JOINTS,
+    LEVEL,
+    EvaluatedCandidate,
     ScoreTable,
     ScoreTest,
     SignFlips,
     chance_of_pieces,
+    drives,
+    evidence,
     is_few,
-    projected,
+    misfit_with,
     refine_shape,
+    rmse,
     score_at,
     score_candidates,
     sign_flips,
     surprise_together,
+    with_noise_beside,
 )
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.errors import ModelError
-from pumaid.estimation.fit import Fit, FitRow, Projector, at_bins, loaded, with_loads
+from pumaid.estimation.fit import Fit, FitRow, Projector, loaded
 from pumaid.estimation.gls import fit_bins, refit
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 
-#: Family-wise chance of a finding where nothing is missing: with the chance of a shape without a name, at most one
-#: experiment in twenty is told that something is missing when nothing is.
-LEVEL = 0.03
 #: Chance beyond which a candidate is not looked at closely.
 FAR = 0.3
-#: Standard errors by which held-out error must fall, and beyond which a sign is no chance.
-STEADY, DOUBT = 1.0, 3.0
-#: Share by which an effect must lower the RMSE of some joint to be worth a parameter: far below what a user would mind,
-#: since fast waves well beyond chance may hide deep in slow noise.
-WORTH = 0.0005
-#: Difference of evidence beyond which one effect is decidedly better (odds of 150).
-DECISIVE = 10.0
-#: Share of a parameter's information below which its shapes have all of it.
-SHOWN = 1e-6
-#: Share of the whitened square that no effect takes away but by rounding.
-EXACT = 1e-9
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
 #: Shapes within this share are one where a joint may have an effect several times. Share of a statistic that a law
 #: which is not exact may lack.
@@ -60,130 +53,14 @@ SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
 #: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew: by Cauchy-Schwarz
 #: no score moves by more than a third of its standard error.
 MOVED = 0.1
-#: Looks at most, since what one adds the next may drop, and so on without end. Candidates looked at closely at a time.
+#: Looks at most. Candidates looked at closely at a time.
 #: Effects that runs held out may deny before what is left is called unexplained.
 MOST_LOOKS, LEADERS, MOST_DENIED = 40, 10, 12
+#: Resolutions of a run within which waves take more than some hundredths of each other.
+NEAR = 10.0
 #: Share of a score that effects of other joints may make, so that all are added at one look. Phase (rad) of a wave over
 #: a bin beyond which the mean over the bin blunts it.
 APART, FASTEST = 0.05, 1.0
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class EvaluatedCandidate:
-    """A candidate at its best shape, and the fit that it was tried on.
-
-    `p_value` is family-wise, `evidence` twice the gain in log likelihood less what its parameters would gain by chance.
-    `left_out` works out, when first asked, what leaving runs out says, `before` and `after` (A) are the
-    RMSE of the fitted samples by joint that it touches, `transfer` says how much of it runs held out showed once it had
-    been added, `rivals` are those which these data cannot tell from it, once it was added.
-    """
-
-    trial: ScoreTest
-    on: Fit
-    p_value: float
-    evidence: float
-    left_out: Callable[[], FoldLosses]
-    before: dict[int, float]
-    after: dict[int, float]
-    transfer: Transfer | None = None
-    rivals: tuple[EvaluatedCandidate, ...] = ()
-
-    @property
-    def key(self) -> Key:
-        """Effect and joint."""
-        return self.trial.added.key
-
-    @property
-    def log_odds(self) -> float:
-        """Twice the logarithm of its odds, but for what all candidates share: evidence and how usual the effect is."""
-        return self.evidence + 2.0 * float(np.log(self.trial.added.effect.prior_odds))
-
-    @property
-    def gain(self) -> float:
-        """Largest share by which a joint's RMSE falls."""
-        return max((1.0 - after / self.before[joint] for joint, after in self.after.items()), default=0.0)
-
-    def worth(self, noise: Mapping[int, float]) -> float:
-        """Largest fall of a joint's mean squared error over that of its noise (A), which is the same in any order."""
-        falls = {joint: self.before[joint] ** 2 - after**2 for joint, after in self.after.items()}
-        return max((fall / max(noise[joint] ** 2, 1e-300) for joint, fall in falls.items()), default=0.0)
-
-    @property
-    def predicts(self) -> bool:
-        """Whether it lowers the error of runs that were left out, steadily."""
-        return self.left_out().falls.sum() > 0.0 and self.left_out().steadiness > STEADY
-
-    @property
-    def fault(self) -> str | None:
-        """Which gate it misses; None where it passes all."""
-        if self.p_value > LEVEL:
-            return "chance"
-        if not self.predicts:
-            return "heldout"
-        if self.transfer is not None and self.transfer.is_denied:
-            return "denied"
-        return "worth" if self.gain < WORTH else None
-
-
-def evidence(on: Fit, trial: ScoreTest) -> float:
-    """Twice the gain in log likelihood less (parameters) x log(runs): effects between runs have only runs to go by.
-
-    The variance is that which is left with the effect, so that large effects are told apart as well as small ones.
-
-    Source
-    ------
-    G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
-    """
-    runs = [len(row.bins.runs) for row in on.joints]
-    remaining = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
-    gain = max(on.size - on.rank, 1) * float(np.log(on.square / remaining)) if trial.statistic > 0.0 else 0.0
-    # Parameters that the model absorbs are not counted.
-    return gain - ((np.count_nonzero(trial.sizes) or trial.width) + len(trial.added.shape)) * float(
-        np.log(max(sum(runs) / len(runs), 2.0))
-    )
-
-
-def misfit_with(on: Fit, trial: ScoreTest) -> dict[int, Floats]:
-    """Joint in which an effect acts -> (N,) A that is left with it, all else refitted."""
-    (plain, turned), out = projected(on, trial), dict[int, Floats]()
-    for joint, columns in plain.items():
-        row = on.by_bin[joint]
-        out[joint] = row.misfit - (columns - row.bare @ turned) @ trial.sizes
-    return out
-
-
-def drives(on: Fit, trial: ScoreTest) -> bool:
-    """Whether friction with this effect, all else refitted, has Coulomb friction that drives the motion beyond doubt.
-
-    Such a friction is none: a fall from a height beyond all friction, say, is only another curve of speed.
-    """
-    name, size = f"coulomb.j{trial.added.joint}.", len(on.values) * trial.added.effect.opposes_motion
-    way = np.array([(x == f"{name}plus") - 1.0 * (x == f"{name}minus") for x in on.model.names[:size]])
-    turned = way @ projected(on, trial)[1][:size]
-    before, after = float(way @ on.values[:size]), float(way @ on.values[:size] - turned @ trial.sizes)
-    spread = way @ on.inverse[:size, :size] @ way + turned @ pseudo_inverse(trial.information)[0] @ turned
-    return bool(before * after < 0.0 and after**2 > DOUBT**2 * on.scale * spread)
-
-
-def covariance_of(candidate: EvaluatedCandidate) -> Floats:
-    """(m, m) of its linear parameters, its shapes refitted too; infinite where it is not told apart from its shapes."""
-    solved, trial, count = candidate.on, candidate.trial, len(candidate.trial.sizes)
-    term, information = trial.added.searched(solved.model.robot), trial.information
-    if term.fitted and not term.effect.periodic:  # a frequency is given to the fit, not fitted
-        projector = Projector(solved)
-        white = projector.whitened(projector.columns([term.at({}, trial.sizes.tolist())]))
-        if white:
-            information = projector.scores(white, next(iter(white.values())).shape[1])[1][0]
-    among, with_shapes, shapes = information[:count, :count], information[:count, count:], information[count:, count:]
-    if len(shapes):
-        among = among - with_shapes @ pseudo_inverse(shapes)[0] @ with_shapes.T
-    is_shown = np.diagonal(among) > SHOWN * np.diagonal(information)[:count]
-    return np.where(np.outer(is_shown, is_shown), pseudo_inverse(among)[0] * solved.scale, np.inf)
-
-
-def rmse(bins: JointBins, misfit: Floats) -> float:
-    """RMSE (A) of the samples in some bins."""
-    return float(np.sqrt(bins.count @ bins.squares(misfit) / bins.count.sum()))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -206,7 +83,8 @@ class Stepwise:
     Any of `effects` may be added (every effect that is no part of each model where not given). `begun` is that of
     all runs of the logs, `unseen` are runs that are not fitted; `tell` is called with a word on what is done. `added`
     is what is in the model now (`given` first), `steps` are the looks, `accepted` the additions as they were judged,
-    `denied` those of which runs held out showed too little, so that they are looked for no more.
+    `denied` those of which runs held out showed too little, so that they are looked for no more, `unsteady` those of
+    which runs left out did.
     """
 
     def __init__(
@@ -237,6 +115,7 @@ class Stepwise:
         self._examined: list[tuple[EffectTerm, Sequence[Floats]]] = []
         self.given, self.added = list(given), list(given)
         self.steps, self.accepted, self.denied = list[Step](), list[EvaluatedCandidate](), list[EvaluatedCandidate]()
+        self.unsteady = list[EffectTerm]()
 
     def heldout(self) -> tuple[JointBins, ...]:
         """Bins of runs that are not fitted: the finest of joints that have a periodic effect, else coarse ones."""
@@ -304,23 +183,86 @@ class Stepwise:
                 self._exchange()
 
     def _climb(self) -> Fit:
-        """Add until nothing passes."""
+        """Add until nothing passes; then on trial what only runs that were left out speak against, until all is in."""
+        models = list[list[EffectTerm]]()
         while True:
             self.tell(f"looking for what is missing ({len(self.accepted)} added)")
             step = self.look(self.added)
             self.steps.append(step)
-            if step.chosen is None or len(self.steps) > MOST_LOOKS:
-                return step.scan.solved
+            passed = [x for x in (step.chosen, *step.beside) if x and not _is_among(x.trial.added, self.unsteady)]
+            chosen, models = passed or self._on_trial(step.evaluated), [*models, self.added]
+            is_again = any(_is_alike(self.added, model) for model in models[:-1])  # what one adds the next may drop
+            if not chosen or is_again or len(self.steps) > MOST_LOOKS:
+                if not self._drop_unsteady():
+                    return step.scan.solved
+                continue
             before = list(self.added), list(self.accepted)
-            for new in ((step.chosen, *step.beside), (step.chosen,)):
+            for new in (chosen, chosen[:1]):
                 self.added = [*before[0], *(item.trial.added for item in new)]
                 self.accepted = [*before[1], *new]
                 with suppress(ModelError):  # with it the fit goes astray
-                    self._exchange(new)
+                    self._tune({joint for item in new for joint in item.after})
+                    self._exchange(len(new))
                     break
             else:
                 self.added, self.accepted = before
-                return step.scan.solved
+                if passed or not self._drop_unsteady():
+                    return step.scan.solved
+                self.unsteady += [item.trial.added for item in chosen]
+
+    def _tune(self, joints: Set[int]) -> None:
+        """Refine the frequency of each wave of some joints beside waves near it, which were missing when it was found.
+
+        Source: B. Mamandipoor, D. Ramasamy and U. Madhow, IEEE Trans. Signal Processing 64 (2016) 5066-5081.
+        """
+        waves = {n: x.shape[x.effect.periodic] for n, x in enumerate(self.added) if x.effect.periodic}
+        for place in (n for n in waves if self.added[n].joint in joints):
+            at, step, whole = place - len(self.given), self.steps[-1], self.solved(self.added)
+            near = NEAR * 2.0 * np.pi / whole.by_bin[self.added[place].number].bins.samples.travel.max()
+            at_joint = [n for n in waves if self.added[n].joint == self.added[place].joint and n != place]
+            if not any(abs(waves[n] - waves[place]) < near for n in at_joint):
+                continue
+            rest = [*self.added[:place], *self.added[place + 1 :]]
+            shown = self.solved(rest, whole.noises, beside=self.added)
+            trial = score_at(Projector(shown), self.added[place])
+            judged = trial and at >= 0 and self._judged(step.scan, trial, shown, chances=step.family)
+            if trial and judged and judged.trial.statistic > trial.statistic + shown.scale:
+                self.added[place] = judged.trial.added
+                self.accepted[at] = replace(judged, p_value=self.accepted[at].p_value, rivals=self.accepted[at].rivals)
+
+    def _on_trial(self, evaluated: Sequence[EvaluatedCandidate]) -> list[EvaluatedCandidate]:
+        """Of each joint the likeliest wave that only runs left out speak against: of several waves in short runs, one
+        alone predicts no other run, all together do."""
+        out, taken = list[EvaluatedCandidate](), set[int]()
+        for item in evaluated:
+            is_wave = item.trial.added.effect.periodic is not None and item.evidence > DECISIVE
+            is_new = item.fault == "heldout" and not _is_among(item.trial.added, self.unsteady)
+            if is_wave and is_new and taken.isdisjoint(item.after):
+                out.append(item)
+                taken |= item.after.keys()
+        return out
+
+    def _drop_unsteady(self) -> bool:
+        """Drop waves on trial, the least likely first, until all waves of their joint together predict runs left out;
+        whether any went."""
+        before = len(self.accepted)
+        for joint in {item.trial.added.number for item in self.accepted if item.fault == "heldout"}:
+            while trials := [x for x in self.accepted if x.trial.added.joint == joint and x.fault == "heldout"]:
+                waves = [x for x in self.added if x.joint == joint and x.effect.periodic]
+                rest = [x for x in self.added if x not in waves]
+                on = self.solved(rest, self.solved(self.added).noises, beside=self.added)
+                together = EffectTerm(Together(waves, np.zeros(2 * len(waves))), None)
+                losses = leave_out(on, (together,), replicate_folds(on, [joint]))
+                worst = self.accepted.index(min(trials, key=lambda item: item.evidence))
+                if losses.predicts:
+                    left_out = partial(lambda losses: losses, losses)
+                    self.accepted = [replace(x, left_out=left_out) if x in trials else x for x in self.accepted]
+                else:
+                    self.unsteady.append(self.added.pop(worst + len(self.given)))
+                    del self.accepted[worst]
+        if len(self.accepted) < before:
+            self._exchange()
+        return len(self.accepted) < before
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
         """Score all candidates with the noise that is left once each joint's leading one is out, and judge.
@@ -446,7 +388,8 @@ class Stepwise:
                 term = EffectTerm(kind, waves.key[1], {kind.periodic or "": frequency})
                 on = self._where_it_shows(solved, term)
                 trial = score_at(Projector(on), term)
-                if trial is not None and kind.applies(self.model.robot, term.number) is None:
+                where = self.model.robot, term.number
+                if trial is not None and kind.applies(*where, in_motion=self.model.is_dynamic) is None:
                     leaders.append((trial, on))
         return leaders
 
@@ -483,8 +426,7 @@ class Stepwise:
         bins = next((fine for coarse, fine in zip(*self._bins, strict=True) if _is_fast(term, coarse)), None)
         if bins is None:
             return solved
-        misfit, wave = solved.misfit(bins), term.linear(self.model.robot, with_loads(solved, bins))
-        return at_bins(solved, bins, noise_of(bins, misfit - wave @ np.linalg.lstsq(wave, misfit, rcond=None)[0]))
+        return with_noise_beside(solved, bins, term)
 
     def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate | None:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined.
@@ -517,18 +459,14 @@ class Stepwise:
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""
-        for candidate in (candidate for candidate in self.denied if candidate.key == term.key):
-            shape = term.effect.chosen(candidate.trial.added.shape)
-            if all(np.isclose(term.shape[k], shape[k], rtol=ALIKE) for k in shape):
-                return candidate.transfer
-        return None
+        return next((item.transfer for item in self.denied if _is_among(term, [item.trial.added])), None)
 
-    def _exchange(self, new: Sequence[EvaluatedCandidate] = ()) -> None:
-        """Look at additions before `new` ones again, now that these are in: drop it, or put a better one there.
+    def _exchange(self, new: int = 0) -> None:
+        """Look at additions before so many `new` ones again, now that these are in: drop it, or put a better one there.
 
         Not at one in whose joints what is left has hardly moved since it was looked at.
         """
-        chances, latest = self.steps[-1].family, [item.trial.added for item in new]
+        chances, latest = self.steps[-1].family, self.added[len(self.added) - new :]
         for current in self.added[len(self.given) :]:
             place, whole = self.added.index(current), self.solved(self.added)
             rows = [row for row in whole.joints if current.touches(row.bins.joint)]
@@ -552,8 +490,22 @@ class Stepwise:
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:
                 better = self._judged(table, top, solved, chances=chances)
-                if better is not None:
+                if better is not None and better.fault is None:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
+
+
+def _is_among(term: EffectTerm, others: Sequence[EffectTerm]) -> bool:
+    """Whether an effect is one of others, of the same shapes where a joint may have several."""
+    same = [other for other in others if other.key == term.key]
+    return any(
+        all(np.isclose(term.shape[k], shape, rtol=ALIKE) for k, shape in term.effect.chosen(other.shape).items())
+        for other in same
+    )
+
+
+def _is_alike(terms: Sequence[EffectTerm], others: Sequence[EffectTerm]) -> bool:
+    """Whether these are the same effects, of the same shapes where a joint may have several."""
+    return len(terms) == len(others) and all(_is_among(term, others) for term in terms)
 
 
 def _is_near(table: ScoreTable, key: Key, surprise: float, chances: SignFlips) -> bool:

@@ -18,12 +18,12 @@ from pumaid.diagnosis.cross_validation import leave_out, replicate_folds
 from pumaid.diagnosis.score_test import (
     ScoreTest,
     refine_shape,
+    rmse,
     score_at,
     score_candidates,
     score_of,
     scores_at,
 )
-from pumaid.diagnosis.stepwise import rmse
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation import gls

@@ -12,8 +12,16 @@ from worlds import PENDULUM
 from pumaid.diagnosis.candidates import candidates, settling
 from pumaid.diagnosis.detection_limits import detection_limits, needed
 from pumaid.diagnosis.records import Limit
-from pumaid.diagnosis.score_test import FEW_RUNS, ScoreTable, SignFlips, chance_of_pieces, score_candidates, sign_flips
-from pumaid.diagnosis.stepwise import LEVEL, Step, Stepwise
+from pumaid.diagnosis.score_test import (
+    FEW_RUNS,
+    LEVEL,
+    ScoreTable,
+    SignFlips,
+    chance_of_pieces,
+    score_candidates,
+    sign_flips,
+)
+from pumaid.diagnosis.stepwise import Step, Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.simulation import Hidden

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
-from scipy import stats
-from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, with_current
+from scipy import optimize, stats
+from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, whitened, with_current
 from worlds import PENDULUM
 
 from pumaid.cli.additions import added
@@ -14,10 +15,10 @@ from pumaid.dataset import Dataset
 from pumaid.diagnosis.cross_validation import confirmed_share, rmse_of
 from pumaid.diagnosis.diagnose import EXACT, DiagnosisBuilder, curve, diagnose, joint_verdict
 from pumaid.diagnosis.forecasts import forecast
-from pumaid.diagnosis.free_forms import FORMS, forms, free_form_scores, knot_values, variable
+from pumaid.diagnosis.free_forms import FORMS, forms, free_form_tests, knot_values, variable
 from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
 from pumaid.diagnosis.score_test import replicate_test
-from pumaid.diagnosis.stepwise import Stepwise, evidence
+from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.estimate import identify
@@ -27,6 +28,7 @@ from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.reporting.diagnosis import finding_sentences, size_sentence
 from pumaid.robot import read_choice
 from pumaid.simulation import Hidden
+from pumaid.trajectory import Motion, Plan
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
 
@@ -132,17 +134,17 @@ HIDDEN = {
 def test_the_right_variable_wins(name):
     """Of all forms the one that made the current has the most evidence, beyond what decides that it is no noise."""
     solved = hiding(lever(), HIDDEN[name])
-    ranked = sorted(free_form_scores(solved, 1), key=lambda one: -evidence(solved, one))
-    assert ranked[0].added.effect.name == name
-    assert evidence(solved, ranked[0]) > 10.0
+    best = free_form_tests(solved, 1)[0]
+    assert best.form.name == name
+    assert best.evidence > 10.0
 
 
 @pytest.mark.parametrize("place", [-1.0, 0.1, 1.2])
 def test_a_bump_is_found_in_its_place(place):
     """A patch of friction 0.25 rad wide: the largest knot is within a knot of it, its height within a third."""
     solved = hiding(lever(), lambda q, s, v, t, travel: 0.06 * s * bump(q, place, 0.25))
-    (found,) = [one for one in free_form_scores(solved, 1) if one.added.effect.name == "s f(q)"]
-    knots, values, errors = knot_values(solved, found)
+    (found,) = [test for test in free_form_tests(solved, 1) if test.form.name == "s f(q)"]
+    knots, values, errors = knot_values(found)
     peak = int(np.argmax(np.abs(values)))
     assert abs(knots[peak] - place) <= 0.75 * (knots[1] - knots[0])
     assert values[peak] == pytest.approx(0.06, abs=0.03)
@@ -152,7 +154,7 @@ def test_a_bump_is_found_in_its_place(place):
 def test_statistic_is_the_fall_of_the_square():
     """Of every form, against a dense refit with all its hats, in directions that the base model leaves alone."""
     solved = hiding(lever(), HIDDEN["s f(q)"])
-    for found in free_form_scores(solved, 1):
+    for found in (test.trial for test in free_form_tests(solved, 1)):
         base, columns, target = stacked(solved, found.added)
         fall = left(base, target) - left(np.column_stack([base, columns]), target)
         assert found.statistic <= fall * (1.0 + 1e-6)
@@ -168,6 +170,21 @@ def test_forms_are_those_that_the_runs_can_show():
     solved = pendulum().fitted(pendulum().noisy(0))
     assert "s f(load)" in {form.name for form in forms(solved.by_bin[2].bins)}
     assert np.ptp(variable(solved.by_bin[2].bins.samples, "load")) > 0.01
+
+
+def test_a_patch_shows_in_few_runs_without_repeats():
+    """Of 8 runs none is repeated: a patch of friction passes for noise at first, and is unexplained; noise is not."""
+    lab = Lab.of(LEVER, design(LEVER, postures=1, repeats=1))
+    verdicts = {0.0: [], 0.1: []}
+    for size, seed in product(verdicts, range(20)):
+        runs = [
+            with_current(run, size * run.direction * bump(run.bins.position[:, 0], 0.5, 0.2))
+            for run in lab.noisy(900 + seed)
+        ]
+        solved = lab.fitted(runs)
+        verdicts[size].append(joint_verdict(solved, solved, joint=1, acting=False).verdict)
+    assert verdicts[0.0].count(UNEXPLAINED_JOINT) <= 1
+    assert verdicts[0.1].count(UNEXPLAINED_JOINT) >= 18
 
 
 def test_a_nameless_patch_is_unexplained_and_drawn():
@@ -304,6 +321,31 @@ def test_bins_are_means_over_runs():
     assert back.direction == -1 and back.runs.tolist() == [4.0] * 4 == [float(len(slow))] * len(back.centres)
     assert back.after[0] == pytest.approx(np.mean(means), rel=1e-12)
     assert back.errors[0] == pytest.approx(np.std(means, ddof=1) / 2.0, rel=1e-12)
+
+
+def test_frequencies_are_those_of_all_waves_together():
+    """Each is found while others are missing, and ends where dense least squares for all three at once ends."""
+    at = (12.1, 19.9, 29.9)
+    waves = [
+        Hidden("ripple", 1, {"cos": size, "sin": 0.6 * size, "frequency": wave})
+        for wave, size in zip(at, (0.017, 0.01, 0.02), strict=True)
+    ]
+    spans = [(0.2, 2.1)] * 3 + [(-0.7, 2.1)]
+    plan = Plan("", tuple(Motion(1, (0.0,), *ends, 0.5) for a, b in spans for ends in ((a, b), (b, a))))
+    lab = Lab.of(LEVER, plan, *waves)
+    search = Stepwise(lab.model, lab.noisy(4, Din(spread=0.004, level=0.002)))
+    row = search.run().by_bin[1]
+    q, way = row.bins.samples.position[:, 0], row.bins.samples.direction
+    base = [np.cos(q), np.sin(q), way > 0, way < 0]
+
+    def remaining(frequencies: np.ndarray) -> np.ndarray:
+        columns = [g(wave * q) for wave in frequencies for g in (np.cos, np.sin)]
+        design = whitened(row.bins, row.noise, np.column_stack([*base, *columns]).astype(float))
+        target = whitened(row.bins, row.noise, row.bins.current)
+        return target - design @ np.linalg.lstsq(design, target, rcond=None)[0]
+
+    told = sorted(item.trial.added.shape["frequency"] for item in search.accepted if item.key == ("ripple", 1))
+    assert told == pytest.approx(optimize.least_squares(remaining, at).x, abs=0.03)
 
 
 def test_a_ripple_is_folded_on_its_period():

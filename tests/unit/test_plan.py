@@ -19,8 +19,7 @@ from pumaid.diagnosis.discrimination import (
     deciding,
     runs_ahead,
 )
-from pumaid.diagnosis.score_test import refine_shape, scores_at
-from pumaid.diagnosis.stepwise import DECISIVE, evidence
+from pumaid.diagnosis.score_test import DECISIVE, evidence, refine_shape, scores_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.errors import Faults, ModelError
