@@ -287,7 +287,7 @@ def test_nothing_but_the_motors_multiples_is_added_to_speed_tests(name):
     assert {effect["effect"] for model in models[1:] for effect in model["added"]} <= {"ripple", "inertia"}
     assert ripples(models)[0] == pytest.approx(math.lcm(MAGNETS, SLOTS), rel=1e-4)
     for waves in ripples(models):
-        assert waves == pytest.approx(round(waves), rel=1e-4)
+        assert waves == pytest.approx(round(waves), rel=3e-4)  # weak ones, far below the noise, are told less well
         assert round(waves) % SLOTS == 0 or round(waves) % POLE_PAIRS == 0
     assert models[-1]["heldout"] <= models[0]["heldout"]
 
