@@ -10,8 +10,8 @@ from functools import cache, partial
 import numpy as np
 
 from pumaid.dataset import FirstMotions, Run
-from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, settling, spectrum
-from pumaid.diagnosis.cross_validation import confirmed_share, leave_out, replicate_folds
+from pumaid.diagnosis.candidates import Expansion, Key, Spectrum, Together, candidates, settling, spectrum
+from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
     DECISIVE,
@@ -35,7 +35,7 @@ from pumaid.diagnosis.score_test import (
     with_noise_beside,
 )
 from pumaid.effect_spec import EffectTerm, marked
-from pumaid.effects import Effect, Family, Scope, catalogue
+from pumaid.effects import Effect, Family, Samples, Scope, catalogue
 from pumaid.errors import ModelError
 from pumaid.estimation.fit import Fit, FitRow, Projector, loaded
 from pumaid.estimation.gls import fit_bins, refit
@@ -206,9 +206,8 @@ class Stepwise:
                     break
             else:
                 self.added, self.accepted = before
-                if passed or not self._drop_unsteady():
-                    return step.scan.solved
-                self.unsteady += [item.trial.added for item in chosen]
+                models.pop()
+                self.unsteady.append(chosen[0].trial.added)
 
     def _tune(self, joints: Set[int]) -> None:
         """Refine the frequency of each wave of some joints beside waves near it, which were missing when it was found.
@@ -243,26 +242,29 @@ class Stepwise:
         return out
 
     def _drop_unsteady(self) -> bool:
-        """Drop waves on trial, the least likely first, until all waves of their joint together predict runs left out;
-        whether any went."""
+        """Drop waves on trial until those of a joint together predict runs left out beside all else, each making that
+        better; whether any went."""
         before = len(self.accepted)
         for joint in {item.trial.added.number for item in self.accepted if item.fault == "heldout"}:
             while trials := [x for x in self.accepted if x.trial.added.joint == joint and x.fault == "heldout"]:
-                waves = [x for x in self.added if x.joint == joint and x.effect.periodic]
-                rest = [x for x in self.added if x not in waves]
+                waves = [item.trial.added for item in trials]
+                rest = [term for term in self.added if not any(term is wave for wave in waves)]
                 on = self.solved(rest, self.solved(self.added).noises, beside=self.added)
-                together = EffectTerm(Together(waves, np.zeros(2 * len(waves))), None)
-                losses = leave_out(on, (together,), replicate_folds(on, [joint]))
-                worst = self.accepted.index(min(trials, key=lambda item: item.evidence))
-                if losses.predicts:
+                losses = _left_out_together(on, waves)
+                without = [_left_out_together(on, waves[:n] + waves[n + 1 :]) for n in range(len(waves))]
+                gains = [losses.falls.sum() - less.falls.sum() for less in without]
+                if losses.predicts and min(gains) > 0.0:
                     left_out = partial(lambda losses: losses, losses)
                     self.accepted = [replace(x, left_out=left_out) if x in trials else x for x in self.accepted]
                 else:
+                    worst = self.accepted.index(trials[int(np.argmin(gains))])
                     self.unsteady.append(self.added.pop(worst + len(self.given)))
                     del self.accepted[worst]
-        if len(self.accepted) < before:
+        if len(self.accepted) == before:
+            return False
+        with suppress(ModelError):  # without them the fit goes astray
             self._exchange()
-        return len(self.accepted) < before
+        return True
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
         """Score all candidates with the noise that is left once each joint's leading one is out, and judge.
@@ -492,6 +494,19 @@ class Stepwise:
                 better = self._judged(table, top, solved, chances=chances)
                 if better is not None and better.fault is None:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
+
+
+def _left_out_together(on: Fit, waves: Sequence[EffectTerm]) -> FoldLosses:
+    """What leaving runs out says of several waves of a joint at once; nothing of none."""
+    if not waves:
+        return FoldLosses(np.zeros(1), 0.0, 0.0)
+
+    def columns(samples: Samples) -> Floats:
+        return np.hstack([wave.linear(on.model.robot, samples) for wave in waves])
+
+    joint = waves[0].number
+    together = EffectTerm(Expansion("waves", 2 * len(waves), columns), joint)
+    return leave_out(on, (together,), replicate_folds(on, [joint]))
 
 
 def _is_among(term: EffectTerm, others: Sequence[EffectTerm]) -> bool:

@@ -12,17 +12,17 @@ from worlds import PENDULUM
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.cross_validation import confirmed_share, rmse_of
+from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, rmse_of
 from pumaid.diagnosis.diagnose import EXACT, DiagnosisBuilder, curve, diagnose, joint_verdict
 from pumaid.diagnosis.forecasts import forecast
 from pumaid.diagnosis.free_forms import FORMS, forms, free_form_tests, knot_values, variable
 from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
-from pumaid.diagnosis.score_test import replicate_test
+from pumaid.diagnosis.score_test import replicate_test, score_at
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
 from pumaid.estimation.estimate import identify
-from pumaid.estimation.fit import Fit, elsewhere
+from pumaid.estimation.fit import Fit, Projector, elsewhere
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins, joint_bins
 from pumaid.reporting.diagnosis import finding_sentences, size_sentence
@@ -348,6 +348,24 @@ def test_frequencies_are_those_of_all_waves_together():
     assert told == pytest.approx(optimize.least_squares(remaining, at).x, abs=0.03)
 
 
+def test_waves_on_trial_stay_if_together_they_predict_runs_left_out():
+    """Two ripples that are there stay, a third that is not goes, whatever each alone predicted when it was added."""
+    waves = [Hidden("ripple", 1, {"cos": 0.02, "sin": 0.01, "frequency": at}) for at in (14.0, 23.0, 37.0)]
+    lab = Lab.of(LEVER, design(LEVER), *waves)
+    search = Stepwise(lab.model, lab.noisy(5))
+    solved = search.run()
+    assert len(search.accepted) == 3
+    failed = FoldLosses(np.array([1.0, -3.0]), 0.02, 0.03)
+    first, *trials = (replace(item, left_out=lambda: failed) for item in search.accepted)
+    bogus = score_at(Projector(solved), EffectTerm(catalogue()["ripple"], 1, {"frequency": 51.0}))
+    search.accepted = [search.accepted[0], *trials, replace(first, trial=bogus, evidence=11.0)]
+    search.added = [item.trial.added for item in search.accepted]
+    assert search._drop_unsteady()
+    assert sorted(round(term.shape["frequency"]) for term in search.added) == [14, 23, 37]
+    assert [item.fault for item in search.accepted] == [None] * 3
+    assert not search._drop_unsteady()
+
+
 def test_a_ripple_is_folded_on_its_period():
     """Over one period the bins show the wave that many periods hide."""
     samples = joint_bins(LEVER, Lab.of(LEVER, design(LEVER), bins=400).runs, most=400)[0].samples
@@ -384,6 +402,40 @@ def test_what_makes_an_error_rise_is_left_out(monkeypatch, tmp_path, fitted, hel
         assert "Added spring at joint 1 (joint 1) (these data do not separate it from counterbalance)." in told[0]
     else:
         assert "from 0.0200 A to 0.0240 A" in told[0]
+
+
+def test_an_effect_of_a_joint_is_kept_though_another_joint_is_missed_by_more(monkeypatch, tmp_path):
+    """Joint 1 lacks something that bends the weights; joint 2, which the effect mends, holds them better now."""
+    lab = pendulum()
+    errors = {"before": {1: 0.10, 2: 0.05}, "after": {1: 0.12, 2: 0.02}}
+    before, after = (
+        replace(lab.estimate, joints=tuple(replace(fit, rmse=size[fit.joint]) for fit in lab.estimate.joints))
+        for size in errors.values()
+    )
+    monkeypatch.setattr("pumaid.estimation.estimate.identify", lambda *args, **more: after)
+    diagnosis = Diagnosis(lab.robot.name, (), (Finding("spring", 2, {}, ADD, "", 0.001),))
+    more = {"model": tmp_path / "model.json", "tell": lambda text: None}
+    more["again"] = lambda model: replace(diagnosis, findings=())
+    done, _ = added(diagnosis, before, Dataset(lab.runs), robot=lab.robot, **more)
+    assert after.pooled("rmse") > 1.01 * before.pooled("rmse") and len(done.applied) == 1
+
+
+def test_curves_are_added_when_no_effect_with_a_name_is_left(monkeypatch, tmp_path):
+    """What a curve explains may have a name once other effects are in the model."""
+    lab, chosen = pendulum(), []
+
+    def identified(*args, effects, **more):
+        chosen.append([choice.effect for choice in effects])
+        return lab.estimate
+
+    monkeypatch.setattr("pumaid.estimation.estimate.identify", identified)
+    curve_of_q = {"of": 0.0, "odd": 0.0, "times": 0.0}
+    found = (Finding("curve", 1, curve_of_q, ADD, "", 0.001), Finding("spring", 2, {}, ADD, "", 0.001))
+    left = iter([found[:1], ()])
+    more = {"model": tmp_path / "model.json", "tell": lambda text: None}
+    more["again"] = lambda model: Diagnosis(lab.robot.name, (), next(left))
+    added(Diagnosis(lab.robot.name, (), found), lab.estimate, Dataset(lab.runs), robot=lab.robot, **more)
+    assert chosen == [["spring"], ["curve"]]
 
 
 def test_where_speed_varies_within_runs_it_is_drawn_bin_by_bin():

@@ -7,6 +7,7 @@ import pytest
 from free_motion import RATE as SAMPLED
 from free_motion import TICKS, fourier, picks
 from test_rigid_body import engine, torques
+from worlds import TURN, arm
 
 from pumaid.dataset import Dataset, Log
 from pumaid.diagnosis.candidates import spectrum
@@ -143,6 +144,22 @@ def test_ripples_that_cells_average_away_are_named(size):
     findings = diagnose(estimate, dataset, robot).findings
     assert [(finding.effect, finding.joint) for finding in findings] == [("ripple", 1)] * bool(size)
     assert all(finding.shape["frequency"] == pytest.approx(180.0, rel=0.01) for finding in findings)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1])
+def test_inertia_loads_a_joint_that_turns_about_the_vertical(share):
+    """Friction that grows with the engine's torque is load friction there, too, with its size; else nothing is."""
+    rng = np.random.default_rng(3)
+    robot = arm("RRR", [0.0, TURN, 0.0])
+    t, exact = fourier(rng, 3, 40.0, RATE)
+    torque, way = torques(engine(robot, rng)[0], exact).T, np.sign(exact[1]).T
+    drawn = torque + 0.5 * way + rng.normal(0.0, 0.1, torque.shape)
+    drawn[:, 0] += share * way[:, 0] * np.abs(torque[:, 0])
+    dataset = segment([Log("a.csv", np.arange(len(t)) + 2, t, exact[0].T, None, drawn)], robot)
+    findings = diagnose(identify(dataset, robot), dataset, robot).findings
+    assert [(finding.effect, finding.joint) for finding in findings] == [("load_friction", 1)] * bool(share)
+    for size in (size for finding in findings for size in finding.sizes):
+        assert size.name == "drive + back" and abs(size.value - 2.0 * share) < 3.0 * size.std_error
 
 
 def test_cells_and_their_parts_have_one_mean_square():
