@@ -412,23 +412,21 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)
-    frames = robot.rotations(samples.position)
-    z = frames[:, :, :, 2]
-    levers = np.cross(z, g)
+    across_axes, z, levers = _axes(robot, samples)
     turns, constants = robot.is_revolute, model.moments(solution)
-    across_axis = np.einsum("mjck,jk->mjc", frames[..., :2], constants)
-    weights = np.where(turns, 0.0, constants[:, 0])
-    moments = np.where(turns[:, None], across_axis, (robot.displacements(samples.position) * weights)[..., None] * z)
-    heavy = np.abs(moments).max(axis=(0, 2)) > 0
+    weights, heavy = np.where(turns, 0.0, constants[:, 0]), np.asarray(constants.any(axis=1))
+    moments = across_axes[0] * constants[:, :1] + across_axes[1] * constants[:, 1:]
+    if not turns.all():
+        moments = np.where(turns[:, None], moments, (robot.displacements(samples.position) * weights)[..., None] * z)
     counted = np.where(heavy[None, :], np.triu(scales), 0.0)
-    elsewhere = np.einsum("mkp,mjp,kj->mk", levers, moments, counted, optimize=True)
+    elsewhere = np.einsum("mkp,mkp->mk", levers, counted @ moments)
     elsewhere[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
     ratios = np.nan_to_num(scales[i])
     parts = moments * ratios[None, :, None]
     parts[:, :i] = 0.0
     h = parts.sum(axis=1)
     load = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else elsewhere[:, i]
-    slopes = _slopes(i, z=z, parts=parts, weights=weights * ratios, g=g, turns=turns)
+    slopes = _slopes(i, z=z, levers=levers, parts=parts, weights=weights * ratios, g=g, turns=turns)
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
     felt = np.einsum("mjk,j->mk", moments, felt_ratios(heavy, scales, i))
     if turns[i]:
@@ -445,6 +443,14 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     return Loads(load, elsewhere, slopes, tilts, across, drawn, gains, model.rubs(solution))
 
 
+@lru_cache(maxsize=24)  # the same in every fit to some bins
+def _axes(robot: Robot, samples: Samples) -> tuple[Floats, Floats, Floats]:
+    """(2, M, J, 3) x and y axes of the links, (M, J, 3) z axes, and these across gravity."""
+    frames = robot.rotations(samples.position)
+    z = frames[..., 2].copy()
+    return np.array([frames[..., 0], frames[..., 1]]), z, np.cross(z, robot.gravity)
+
+
 def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:
     """(J,) ratios by which joint i (from 0) counts the links' moments: its own where they are known, else those of the
     next joint outward whose are (a moment across an upright axis is never told in its own gain)."""
@@ -456,9 +462,9 @@ def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:
     return np.zeros(len(scales))
 
 
-def _slopes(i: int, *, z: Floats, parts: Floats, weights: Floats, g: Floats, turns: Flags) -> Floats:
+def _slopes(i: int, *, z: Floats, levers: Floats, parts: Floats, weights: Floats, g: Floats, turns: Flags) -> Floats:
     """(M, J) derivative of joint i's load by each joint's position (i from 0)."""
-    levers, links = np.cross(z, g), np.arange(z.shape[1])
+    links = np.arange(z.shape[1])
     if not turns[i]:
         return np.where(turns & (links < i), -np.cross(z, z[:, i : i + 1]) @ g * weights[i], 0.0)
     # As far as joint i all of it turns, as if gravity turned the other way.

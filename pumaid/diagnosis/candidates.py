@@ -75,7 +75,7 @@ def _slow_waves(solved: Fit, effect: Effect, joint: int | None, covered: Extent)
     """A periodic effect at the frequencies below those of its spectrum, which the model's slow columns absorb in part.
 
     And at those of waves of another kind that the model has, for which alone one that grows with the load is tried; but
-    not at those of its own waves.
+    not within a resolution of its own waves, which frequencies refined beside each other part.
     """
     name, slow, resolution = str(effect.periodic), covered.travel / FEWEST_PERIODS, 2.0 * np.pi / covered.travel
     periodic = [x for x in solved.model.effects if x.joint == joint and x.effect.periodic is not None]
@@ -84,9 +84,7 @@ def _slow_waves(solved: Fit, effect: Effect, joint: int | None, covered: Extent)
     tried = [EffectTerm(effect, joint, {name: wave}) for is_own, wave in waves if not is_own]
     tried += [term for term in grid if term.shape[name] < 2.0 * np.pi / slow]
     return tuple(
-        term
-        for term in tried
-        if all(abs(term.shape[name] - wave) > SAME * resolution for is_own, wave in waves if is_own)
+        term for term in tried if all(abs(term.shape[name] - wave) > resolution for is_own, wave in waves if is_own)
     )
 
 

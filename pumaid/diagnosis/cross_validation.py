@@ -106,6 +106,25 @@ def leave_out(
     return FoldLosses(np.array(falls), *np.sqrt(squares[:2] / squares[2]).tolist())
 
 
+def refit_losses(without: Fit, within: Fit, folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:
+    """The same of what `within` has and `without` lacks, each linear at its own values; both have the same noise."""
+    losses = np.array([[_loss(solved, *fold) for solved in (without, within)] for fold in folds])
+    rmse = np.sqrt(losses[:, :, 1].sum(axis=0) / losses[:, :, 2].sum(axis=0))
+    return FoldLosses(losses[:, 0, 0] - losses[:, 1, 0], *rmse.tolist())
+
+
+def _loss(solved: Fit, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float]:
+    """Whitened square of runs left out of a fit, their sum of squares (A2), and the number of their samples."""
+    row = solved.by_bin[joint]
+    bins = np.isin(row.bins.run, runs)
+    J, r, weight = row.jacobian[bins], row.residual[bins], row.bins.count[bins]
+    information = solved.information() + np.diag(solved.prior**2) - J.T @ J
+    move = -_inverse(information, solved.solution.linear.half) @ (J.T @ r)
+    error, raw = r - J @ move, row.misfit[bins] - row.bare[bins] @ move
+    inside = row.bins.inside_left(row.bins.current - row.misfit)[bins]
+    return float(error @ error), float(weight @ (raw**2 + inside)), float(weight.sum())
+
+
 def _inverse(information: Floats, half: Floats) -> Floats:
     """Inverse (..., P, P) of what training runs tell, in directions of which they keep `KEPT` of the whole information.
 

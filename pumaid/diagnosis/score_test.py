@@ -407,8 +407,9 @@ def _pieces(bins: JointBins) -> Counts:
 
 #: Sign flips of pairs. Pairs below which nothing can be said.
 PAIR_FLIPS, PAIR_SEED, FEWEST_PAIRS = 4999, 11, 4
-#: Bins of the stretches over which repeated runs are compared.
-LENGTHS = (1, 2, 4, 8, 16)
+#: Bins of the stretches over which repeated runs are compared. Pairs below which flips of whole pairs cannot show what
+#: joints together ask for: then pieces of so many bins are flipped, without the level that those of a run share.
+LENGTHS, MANY_PAIRS, A_PAIR_PIECE = (1, 2, 4, 8, 16), 12, 32
 
 
 def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats | None:
@@ -420,26 +421,30 @@ def replicate_test(field: JointBins, misfit: Floats, white: Floats) -> Repeats |
     Source
     ------
     The lack-of-fit test of G. E. P. Box, W. G. Hunter and J. S. Hunter, Statistics for Experimenters, ch. 10, by signs
-    of whole pairs, since samples of one run are not independent.
+    of whole pairs, since samples of one run are not independent, and of long pieces of them where pairs are few.
     """
     pairs = field.pairs
     if len(pairs) < FEWEST_PAIRS:
         return None
     shared, squares, gaps, counts = np.zeros((4, len(pairs)))
-    products = np.zeros((len(LENGTHS), len(pairs)))
+    products = list[Floats]()
     for number, pair in enumerate(pairs):
         a, b = field.side_by_side(misfit, pair)
         shared[number], squares[number] = float(a @ b), 0.5 * float(a @ a + b @ b)
         gaps[number], counts[number] = 0.5 * float(np.sum((a - b) ** 2)), len(a)
         a, b = field.side_by_side(white, pair)
-        for row, length in enumerate(LENGTHS):
-            starts = np.arange(0, len(a), length)
-            products[row, number] = float(np.add.reduceat(a, starts) @ np.add.reduceat(b, starts))
+        piece = len(a)
+        if len(pairs) < MANY_PAIRS:
+            a, b, piece = a - a.mean(), b - b.mean(), A_PAIR_PIECE
+        starts, bins = np.arange(0, len(a), piece), np.arange(len(a))
+        agree = [np.add.reduceat(a, bins[::length]) * np.add.reduceat(b, bins[::length]) for length in LENGTHS]
+        products.append(np.array([np.add.reduceat(x, -(-starts // n)) for x, n in zip(agree, LENGTHS, strict=True)]))
     rng = np.random.default_rng(PAIR_SEED)
-    signs = rng.choice([-1.0, 1.0], size=(PAIR_FLIPS, len(pairs)))
-    spread = np.sqrt(np.sum(products**2, axis=1)) + np.finfo(float).tiny
-    flipped = (signs @ products.T / spread).max(axis=1)
-    observed = float((products.sum(axis=1) / spread).max())
+    by_piece = np.hstack(products)
+    signs = rng.choice([-1.0, 1.0], size=(PAIR_FLIPS, by_piece.shape[1]))
+    spread = np.sqrt(np.sum(by_piece**2, axis=1)) + np.finfo(float).tiny
+    flipped = (signs @ by_piece.T / spread).max(axis=1)
+    observed = float((by_piece.sum(axis=1) / spread).max())
     chance = float(1 + np.count_nonzero(flipped >= observed * (1.0 - 1e-12))) / (1 + PAIR_FLIPS)
     share = float(shared.sum() / squares.sum()) if squares.sum() > 0 else 0.0
     return Repeats(share, chance, float(np.sqrt(gaps.sum() / counts.sum())))

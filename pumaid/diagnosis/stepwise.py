@@ -10,8 +10,8 @@ from functools import cache, partial
 import numpy as np
 
 from pumaid.dataset import FirstMotions, Run
-from pumaid.diagnosis.candidates import Expansion, Key, Spectrum, Together, candidates, settling, spectrum
-from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, replicate_folds
+from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, settling, spectrum
+from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, refit_losses, replicate_folds
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
     DECISIVE,
@@ -35,7 +35,7 @@ from pumaid.diagnosis.score_test import (
     with_noise_beside,
 )
 from pumaid.effect_spec import EffectTerm, marked
-from pumaid.effects import Effect, Family, Samples, Scope, catalogue
+from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.errors import ModelError
 from pumaid.estimation.fit import Fit, FitRow, Projector, loaded
 from pumaid.estimation.gls import fit_bins, refit
@@ -190,7 +190,7 @@ class Stepwise:
             step = self.look(self.added)
             self.steps.append(step)
             passed = [x for x in (step.chosen, *step.beside) if x and not _is_among(x.trial.added, self.unsteady)]
-            chosen, models = passed or self._on_trial(step.evaluated), [*models, self.added]
+            chosen, models = passed or self._on_trial(step), [*models, self.added]
             is_again = any(_is_alike(self.added, model) for model in models[:-1])  # what one adds the next may drop
             if not chosen or is_again or len(self.steps) > MOST_LOOKS:
                 if not self._drop_unsteady():
@@ -229,33 +229,38 @@ class Stepwise:
                 self.added[place] = judged.trial.added
                 self.accepted[at] = replace(judged, p_value=self.accepted[at].p_value, rivals=self.accepted[at].rivals)
 
-    def _on_trial(self, evaluated: Sequence[EvaluatedCandidate]) -> list[EvaluatedCandidate]:
-        """Of each joint the likeliest wave that only runs left out speak against: of several waves in short runs, one
-        alone predicts no other run, all together do."""
+    def _on_trial(self, step: Step) -> list[EvaluatedCandidate]:
+        """Of each joint the likeliest effect that only runs left out speak against, where these may be wrong: of
+        several waves in short runs one alone predicts no other run, all together do; loads are off until refitted."""
         out, taken = list[EvaluatedCandidate](), set[int]()
-        for item in evaluated:
-            is_wave = item.trial.added.effect.periodic is not None and item.evidence > DECISIVE
+        for item in step.evaluated:
+            effect = item.trial.added.effect
+            may_err = effect.scope is Scope.JOINT and (effect.periodic is not None or effect.needs_loads)
             is_new = item.fault == "heldout" and not _is_among(item.trial.added, self.unsteady)
-            if is_wave and is_new and taken.isdisjoint(item.after):
+            if may_err and is_new and item.evidence > DECISIVE and taken.isdisjoint(item.after):
                 out.append(item)
                 taken |= item.after.keys()
-        return out
+        return self._named(out, step.evaluated, self.added)
 
     def _drop_unsteady(self) -> bool:
-        """Drop waves on trial until those of a joint together predict runs left out beside all else, each making that
-        better; whether any went."""
+        """Drop effects on trial until those of a joint together predict runs left out beside all else, each making
+        that better; whether any went."""
         before = len(self.accepted)
         for joint in {item.trial.added.number for item in self.accepted if item.fault == "heldout"}:
             while trials := [x for x in self.accepted if x.trial.added.joint == joint and x.fault == "heldout"]:
-                waves = [item.trial.added for item in trials]
-                rest = [term for term in self.added if not any(term is wave for wave in waves)]
-                on = self.solved(rest, self.solved(self.added).noises, beside=self.added)
-                losses = _left_out_together(on, waves)
-                without = [_left_out_together(on, waves[:n] + waves[n + 1 :]) for n in range(len(waves))]
-                gains = [losses.falls.sum() - less.falls.sum() for less in without]
-                if losses.predicts and min(gains) > 0.0:
-                    left_out = partial(lambda losses: losses, losses)
-                    self.accepted = [replace(x, left_out=left_out) if x in trials else x for x in self.accepted]
+                together, *alone = (self._losses(joint, gone) for gone in (trials, *([item] for item in trials)))
+                gains = [float(losses.falls.sum()) for losses in alone]
+                if together.predicts and min(gains) > 0.0:
+                    judged = {
+                        id(item): replace(
+                            item,
+                            left_out=partial(lambda losses: losses, together),
+                            before={joint: losses.before},
+                            after={joint: losses.after},
+                        )
+                        for item, losses in zip(trials, alone, strict=True)
+                    }
+                    self.accepted = [judged.get(id(item), item) for item in self.accepted]
                 else:
                     worst = self.accepted.index(trials[int(np.argmin(gains))])
                     self.unsteady.append(self.added.pop(worst + len(self.given)))
@@ -265,6 +270,14 @@ class Stepwise:
         with suppress(ModelError):  # without them the fit goes astray
             self._exchange()
         return True
+
+    def _losses(self, joint: int, gone: Sequence[EvaluatedCandidate]) -> FoldLosses:
+        """What runs of a joint that are left out say of some that are in the model, all refitted without them."""
+        whole, rest = self.solved(self.added), [*self.added]
+        for item in gone:
+            rest.remove(item.trial.added)
+        without = self.solved(rest, whole.noises, beside=self.added)
+        return refit_losses(without, whole, replicate_folds(whole, [joint]))
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
         """Score all candidates with the noise that is left once each joint's leading one is out, and judge.
@@ -415,7 +428,8 @@ class Stepwise:
             )
             lead = 0.0 if is_mixed else chosen.log_odds - other.log_odds
             is_elsewhere = chosen.after.keys().isdisjoint(other.after)
-            if other.key == chosen.key or is_elsewhere or is_denied or lead > DECISIVE or not other.predicts:
+            is_worse = lead > DECISIVE or (chosen.predicts and not other.predicts)
+            if other.key == chosen.key or is_elsewhere or is_denied or is_worse:
                 continue
             remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
@@ -494,19 +508,6 @@ class Stepwise:
                 better = self._judged(table, top, solved, chances=chances)
                 if better is not None and better.fault is None:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
-
-
-def _left_out_together(on: Fit, waves: Sequence[EffectTerm]) -> FoldLosses:
-    """What leaving runs out says of several waves of a joint at once; nothing of none."""
-    if not waves:
-        return FoldLosses(np.zeros(1), 0.0, 0.0)
-
-    def columns(samples: Samples) -> Floats:
-        return np.hstack([wave.linear(on.model.robot, samples) for wave in waves])
-
-    joint = waves[0].number
-    together = EffectTerm(Expansion("waves", 2 * len(waves), columns), joint)
-    return leave_out(on, (together,), replicate_folds(on, [joint]))
 
 
 def _is_among(term: EffectTerm, others: Sequence[EffectTerm]) -> bool:

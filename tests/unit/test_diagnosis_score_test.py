@@ -14,7 +14,7 @@ from worlds import PENDULUM, course, run_of
 
 from pumaid.dataset import Run, first_motions
 from pumaid.diagnosis.candidates import Spectrum, candidates, minus_log10_p, settling, spectrum
-from pumaid.diagnosis.cross_validation import leave_out, replicate_folds
+from pumaid.diagnosis.cross_validation import leave_out, refit_losses, replicate_folds
 from pumaid.diagnosis.score_test import (
     ScoreTest,
     refine_shape,
@@ -191,6 +191,18 @@ def test_falls_are_those_of_refits_without_the_runs(shapes):
     folds = replicate_folds(solved, [1])
     expected = [brute(solved, shapes, fold) for fold in folds]
     np.testing.assert_allclose(leave_out(solved, shapes, folds).falls, expected, rtol=1e-3, atol=1e-2)
+
+
+def test_losses_of_a_refit_are_those_of_the_effect_beside_the_fit():
+    """Of a wave, which is linear, it does not matter whether it was in the fit or is tried beside it."""
+    wave = EffectTerm(catalogue()["ripple"], 1, {"frequency": 14.0})
+    lab = Lab.of(LEVER, design(LEVER), Hidden("ripple", 1, {"cos": 0.02, "sin": 0.01, "frequency": 14.0}))
+    without = lab.fitted(lab.noisy(1))
+    folds, within = replicate_folds(without, [1]), lab.fitted(lab.noisy(1), [wave], without.noises)
+    beside, refitted = leave_out(without, [wave], folds), refit_losses(without, within, folds)
+    np.testing.assert_allclose(refitted.falls, beside.falls, rtol=5e-3)
+    assert refitted.before == pytest.approx(beside.before, rel=1e-9)
+    assert refitted.after == pytest.approx(beside.after, rel=0.03)
 
 
 def test_falls_of_an_effect_in_several_joints():

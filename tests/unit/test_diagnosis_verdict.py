@@ -63,6 +63,15 @@ def test_what_repeats_is_seen_below_the_noise():
     assert np.count_nonzero(np.array(found) > 0.01) <= 3
 
 
+def test_five_repeats_in_each_direction_show_what_repeats():
+    """Flips of eight pairs alone never show it at the level that six joints together ask for; pieces of them do."""
+    lab = Lab.of(LEVER, design(LEVER, postures=1, speeds=(0.5,), repeats=5))
+    assert len(lab.bins()[0].pairs) == 8
+    chances = {size: np.array([of(lab, seed, size).p_value for seed in range(100)]) for size in (0.0, 0.015)}
+    assert np.count_nonzero(chances[0.0] <= 0.01) <= stats.binom.ppf(0.999, 100, 0.02)
+    assert np.count_nonzero(chances[0.015] > 0.0008) <= 10
+
+
 @pytest.mark.parametrize(("length", "size"), [(1, 0.0025), (8, 0.007)])
 def test_fast_and_slow_courses_are_seen_in_slow_noise(length, size):
     """In 0.014 A of slow noise, what is fast is seen at a sixth of it, what changes every 8 bins at half of it."""
@@ -364,6 +373,21 @@ def test_waves_on_trial_stay_if_together_they_predict_runs_left_out():
     assert sorted(round(term.shape["frequency"]) for term in search.added) == [14, 23, 37]
     assert [item.fault for item in search.accepted] == [None] * 3
     assert not search._drop_unsteady()
+
+
+@pytest.mark.parametrize("seed", [3, 6, 7, 8])
+def test_an_effect_that_bends_the_loads_is_judged_once_it_is_in(seed):
+    """In one posture load friction turns the fitted weight; by that runs left out are told worse, until it is refitted.
+
+    Before, friction by position was named alone here.
+    """
+    plan = design(LEVER, postures=1, speeds=(0.3, 0.8), repeats=3, reach=2.3, seed=1)
+    lab = Lab.of(LEVER, plan, Hidden("load_friction", 1, {"drive": 0.15, "back": 0.15}))
+    search = Stepwise(lab.model, lab.noisy(seed))
+    search.run()
+    assert [item.key for item in search.accepted] == [("load_friction", 1)]
+    assert any(item.fault == "heldout" for item in search.steps[0].evaluated if item.key == ("load_friction", 1))
+    assert search.accepted[0].predicts
 
 
 def test_a_ripple_is_folded_on_its_period():
