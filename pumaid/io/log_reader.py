@@ -519,6 +519,11 @@ def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Not
         naming, is_sure = (plain[0], True) if plain else (naming, is_sure)
     if naming is None or not is_sure or not is_silent or (joints and "{name}" not in naming.position):
         return robot, []
+    velocity, temperature = (
+        column if any(naming.column(key, joint.number) in header for joint in robot.joints) else None
+        for key, column in (("velocity", naming.velocity), ("temperature", naming.temperature))
+    )
+    naming = replace(naming, velocity=velocity, temperature=temperature)
     text = f"columns are read by their names, as if the recipe said:\n{log_block(naming)}"
     return replace(robot, log=naming), [Note("columns-named", text)]
 

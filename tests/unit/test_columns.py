@@ -343,6 +343,18 @@ def test_joints_are_joined_by_name(tmp_path: Path, written: Callable[[Path], Pat
         np.testing.assert_allclose(np.diff(log.time), 0.01, atol=1e-6)
 
 
+def test_a_recording_of_some_of_a_preset_s_columns_is_read_by_those(tmp_path: Path) -> None:
+    """Without speeds and temperatures the block that is printed has none, and nothing is told absent."""
+    t, q, current = motion()
+    values = {f"actual_q_{k}": q[:, k] for k in range(q.shape[1])}
+    values |= {f"actual_current_{k}": current[:, k] for k in range(q.shape[1])}
+    pd.DataFrame({"timestamp": t} | values).to_csv(tmp_path / "log.csv", index=False)
+    notes = ingest([tmp_path / "log.csv"], parsed_recipe(NAMED.encode(), "recipe.yaml")).notes
+    (text,) = [note.text for note in notes if note.slug == "columns-named"]
+    assert "actual_current_{joint0}" in text and "actual_qd" not in text and "temperatures" not in text
+    assert not any(note.slug == "column-absent" for note in notes)
+
+
 def test_columns_by_number_that_are_another_joint_s_are_refused(tmp_path: Path) -> None:
     """The log's own names contradict the recipe's count; the block reads by name."""
     path = bag_table(tmp_path / "log.csv")
