@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import table1
 from monte_carlo import Bench
 
 from pumaid.dataset import Bins, Dataset, Run
@@ -17,7 +18,7 @@ from pumaid.estimation.gls import fit_bins
 from pumaid.joint_bins import joint_bins
 from pumaid.model import Model
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Truth, draw, table1
+from pumaid.simulation import Truth, draw
 from pumaid.trajectory import Motion, Plan
 
 TURN = np.pi / 2

@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import matplotlib.pyplot as plt
 import numpy as np
+import table1
 from blind_world.tables import header, interval, row
 from experiments import coverage, logged, losses
 from free_motion import loaded, picks, reach, recorded, waves
@@ -46,7 +47,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model
 from pumaid.preprocessing.hold_out import match_with_plan
 from pumaid.robot import Robot
-from pumaid.simulation import Hidden, Noise, Truth, draw, table1
+from pumaid.simulation import Hidden, Noise, Truth, draw
 from pumaid.trajectory import Motion, Plan, duration
 
 #: Design -> postures, speeds (of a slide: a fifth, in m/s), directions, repeats.

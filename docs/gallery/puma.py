@@ -5,6 +5,7 @@ Nothing here knows the model that pumaid identifies; nothing that identifies it 
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,8 +15,11 @@ from numpy.typing import NDArray
 from pumaid.dataset import Log
 from pumaid.io.write import write_log
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import BREAKAWAY, Links, Noise, Truth, table1
+from pumaid.simulation import BREAKAWAY, Links, Noise, Truth
 from pumaid.simulation.mujoco_engine import RigidArm
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+import table1  # noqa: E402
 
 Floats = NDArray[np.float64]
 

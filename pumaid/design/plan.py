@@ -381,8 +381,8 @@ def plan(
 
     Examples
     --------
-    >>> from pumaid.simulation import table1
-    >>> plan(table1.robot(), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
+    >>> from pumaid import read_recipe
+    >>> plan(read_recipe("puma560"), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'
     """
     check_ranges(minutes, replicates)

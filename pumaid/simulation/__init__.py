@@ -4,7 +4,6 @@ Nothing here uses the effects that a model is fitted with: gravity comes from ma
 MuJoCo, and hidden effects have a table of their own.
 """
 
-from pumaid.simulation import table1
 from pumaid.simulation.hidden_effects import Hidden
 from pumaid.simulation.session import constant_run, simulate
 from pumaid.simulation.virtual_robot import (
@@ -34,5 +33,4 @@ __all__ = [
     "gravity_load",
     "links_of",
     "simulate",
-    "table1",
 ]

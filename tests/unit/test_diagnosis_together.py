@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import table1
 from scipy.stats import chi2
 from searches import Din, Lab, design
 
@@ -9,7 +10,7 @@ from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.score_test import surprise_together
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.reporting.diagnosis import place, size_sentence
-from pumaid.simulation import Hidden, table1
+from pumaid.simulation import Hidden
 
 ROBOT, DIN = table1.robot(), Din(spread=0.01, correlation=0.6, level=0.006)
 PLAN = design(ROBOT, postures=2, speeds=(0.3, 0.6, 1.2))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import table1
 import worlds
 from faulty import OUTER, RATIO, csv, good, invoke, make
 from monte_carlo import Bench
@@ -21,7 +22,7 @@ from pumaid.estimation.nonlinear import check_better
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
 from pumaid.robot import EffectChoice
-from pumaid.simulation import Truth, table1
+from pumaid.simulation import Truth
 from pumaid.simulation.hidden_effects import parse
 from pumaid.trajectory import Plan
 

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import table1
 from menus import arm
 from monte_carlo import Bench, fit_with_replicates
 from searches import design
@@ -29,7 +30,7 @@ from pumaid.io.plan_file import plan_text, read_plan
 from pumaid.joint_bins import COARSE, extent, joint_bins
 from pumaid.model import Model, minimal
 from pumaid.robot import Box, Capsule, Joint, Robot, Safety
-from pumaid.simulation import Hidden, draw, table1
+from pumaid.simulation import Hidden, draw
 from pumaid.trajectory import Motion, Plan
 
 ARMS = ("puma560", "stanford", "pendulum2")
