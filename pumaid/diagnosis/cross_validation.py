@@ -1,7 +1,7 @@
 """What runs that are left out of a fit, or were never in it, say of a candidate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,13 @@ class FoldLosses:
     def predicts(self) -> bool:
         """Whether the error falls, steadily."""
         return self.falls.sum() > 0.0 and self.steadiness > STEADY
+
+
+def without_strongest(losses: FoldLosses, folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:
+    """Without the joint whose runs show an effect most: of what the whole arm feels, none stands for all."""
+    joints = np.array([joint for joint, _ in folds])
+    strongest = max(joints.tolist(), key=lambda joint: float(losses.falls[joints == joint].sum()))
+    return replace(losses, falls=losses.falls[joints != strongest])
 
 
 def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:

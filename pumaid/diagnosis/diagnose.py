@@ -67,7 +67,7 @@ IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
 #: Bins times findings up to which each forecast is a fit of its own; beyond, it is a refit of the one before.
-EXACT = 400_000
+EXACT = 600_000
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -105,6 +105,7 @@ def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     return {
         "chance": "chance alone makes something as good in these data",
         "heldout": "it does not predict runs that were left out any better",
+        "single": "runs of a single joint show it, where the whole arm would feel it",
         "denied": "runs that were held out show too little of it, or are predicted decidedly worse with it",
         "worth": f"it would lower the error by {gain:.1g} % only" if gain > 0.0 else "it lowers no error",
         None: f"it would lower the error by {gain:.2g} %, but {better} explains the same and more"

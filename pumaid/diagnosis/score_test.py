@@ -469,9 +469,10 @@ class EvaluatedCandidate:
     """A candidate at its best shape, and the fit that it was tried on.
 
     `p_value` is family-wise, `evidence` twice the gain in log likelihood less what its parameters would gain by chance.
-    `left_out` works out, when first asked, what leaving runs out says, `before` and `after` (A) are the
-    RMSE of the fitted samples by joint that it touches, `transfer` says how much of it runs held out showed once it had
-    been added, `rivals` are those which these data cannot tell from it, once it was added.
+    `left_out` works out, when first asked, what leaving runs out says, `beyond` the same of an arm's effect without the
+    joint that shows it most; `before` and `after` (A) are the RMSE of the fitted samples by joint that it touches,
+    `transfer` says how much of it runs held out showed once it had been added, `rivals` are those which these data
+    cannot tell from it, once it was added.
     """
 
     trial: ScoreTest
@@ -481,6 +482,7 @@ class EvaluatedCandidate:
     left_out: Callable[[], FoldLosses]
     before: dict[int, float]
     after: dict[int, float]
+    beyond: Callable[[], FoldLosses] | None = None
     transfer: Transfer | None = None
     rivals: tuple[EvaluatedCandidate, ...] = ()
 
@@ -516,6 +518,8 @@ class EvaluatedCandidate:
             return "chance"
         if not self.predicts:
             return "heldout"
+        if self.beyond is not None and not self.beyond().predicts:
+            return "single"
         if self.transfer is not None and self.transfer.is_denied:
             return "denied"
         return "worth" if self.gain < WORTH else None

@@ -11,7 +11,14 @@ import numpy as np
 
 from pumaid.dataset import FirstMotions, Run
 from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, settling, spectrum
-from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, leave_out, refit_losses, replicate_folds
+from pumaid.diagnosis.cross_validation import (
+    FoldLosses,
+    confirmed_share,
+    leave_out,
+    refit_losses,
+    replicate_folds,
+    without_strongest,
+)
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
     DECISIVE,
@@ -460,9 +467,14 @@ class Stepwise:
         before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
         after = {joint: rmse(on.by_bin[joint].bins, residual) for joint, residual in residuals.items()}
         shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
-        falls = cache(partial(leave_out, on, (*shapes, trial.added), replicate_folds(on, sorted(after))))
+        folds = replicate_folds(on, sorted(after))
+        falls = cache(partial(leave_out, on, (*shapes, trial.added), folds))
+        is_shared = len(after) < 2 or trial.added.effect.scope is not Scope.ARM
+        beyond = falls if is_shared else cache(lambda: without_strongest(falls(), folds))
         return EvaluatedCandidate(
-            trial, on, chance, evidence(on, trial), falls, before, after, transfer=self._denial(trial.added)
+            *(trial, on, chance, evidence(on, trial), falls, before, after),
+            beyond=beyond,
+            transfer=self._denial(trial.added),
         )
 
     def _chance(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, trial: ScoreTest, chances: SignFlips) -> float:

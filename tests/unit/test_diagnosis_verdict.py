@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 from searches import LEVER, Din, Lab, design, left, lever, pendulum, stacked, whitened, with_current
-from worlds import PENDULUM
+from worlds import PENDULUM, TURN, arm
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
@@ -388,6 +388,18 @@ def test_an_effect_that_bends_the_loads_is_judged_once_it_is_in(seed):
     assert [item.key for item in search.accepted] == [("load_friction", 1)]
     assert any(item.fault == "heldout" for item in search.steps[0].evaluated if item.key == ("load_friction", 1))
     assert search.accepted[0].predicts
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_the_arm_is_not_tilted_by_what_one_joint_shows(seed):
+    """A slow wave of an upright joint looks like a tilt with loads of that joint alone; a tilt shows at others, too."""
+    robot = arm("RRR", [0.0, TURN, 0.0])
+    wave = Hidden("ripple", 1, {"cos": 0.05, "sin": 0.03, "frequency": 1.5})
+    for hidden, fault in ((wave, "single"), (Hidden("tilt", None, {"x": 0.03, "y": -0.02}), None)):
+        lab = Lab.of(robot, design(robot, postures=3, speeds=(0.3, 0.8)), hidden)
+        step = Stepwise(lab.model, lab.noisy(seed)).look([])
+        assert [item.fault for item in step.evaluated if item.key == ("tilt", None)] == [fault]
+        assert step.chosen.trial.added.effect.name == hidden.effect
 
 
 def test_a_ripple_is_folded_on_its_period():
