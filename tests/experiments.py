@@ -6,6 +6,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+import table1
 from monte_carlo import Bench
 from worlds import fit_runs
 
@@ -15,7 +16,7 @@ from pumaid.estimation.estimate import identify
 from pumaid.estimation.fit import Fit
 from pumaid.io.write import write_log
 from pumaid.preprocessing.ingest import ingest
-from pumaid.simulation import Noise, Truth, simulate, table1
+from pumaid.simulation import Noise, Truth, simulate
 from pumaid.trajectory import Plan
 
 #: Experiments of which errors are compared with the least possible.

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import table1
 from free_motion import reach, recorded, waves
 from menus import arm
 from monte_carlo import Bench
@@ -18,7 +19,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.nonlinear import fit_effects
 from pumaid.model import Model, minimal
-from pumaid.simulation import Truth, draw, table1
+from pumaid.simulation import Truth, draw
 
 WRIST = wrist()
 #: An arm with hands' weight in its wrist, and what its gears pass on as effects.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import table1
 from experiments import coverage, logged, losses
 from monte_carlo import Bench
 
@@ -13,7 +14,7 @@ from pumaid.diagnosis.diagnose import diagnose
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import EffectChoice
-from pumaid.simulation import Noise, draw, table1
+from pumaid.simulation import Noise, draw
 from pumaid.simulation.hidden_effects import parse
 
 

@@ -23,9 +23,12 @@ import pandas as pd
 
 from pumaid.io.recipe import shipped_recipes
 from pumaid.io.write import write_log
-from pumaid.simulation import simulate, table1
+from pumaid.simulation import simulate
 
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+import table1  # noqa: E402
+
 LOG = ROOT / "bench" / "log.csv"
 #: Reads all files of a folder into tables.
 FLOOR = """

@@ -3,13 +3,13 @@
 import json
 
 import pytest
+import table1
 from command import answer, run
 from menus import arm as shipped
 from menus import write_short_plan
 
 from pumaid.design import motion
 from pumaid.io.plan_file import plan_text, read_plan
-from pumaid.simulation import table1
 
 #: The least work: a short plan of two joints.
 SHORT = ("--minutes", "3")

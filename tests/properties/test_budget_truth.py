@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import table1
 import worlds
 from monte_carlo import Bench
 from searches import design
@@ -13,7 +14,7 @@ from pumaid.dataset import Dataset, FileFacts
 from pumaid.diagnosis.compare import compare
 from pumaid.estimation.estimate import identify
 from pumaid.estimation.evaluate import Budget
-from pumaid.simulation import Hidden, Truth, table1
+from pumaid.simulation import Hidden, Truth
 
 #: Seeds of these experiments; development used others.
 SEEDS = 8_000

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import table1
 
 from pumaid.effects import Effect, Extent, Samples, Scope, catalogue
 from pumaid.model import Model, loads
-from pumaid.simulation import table1
 
 ROBOT = table1.robot()
 MODEL = Model(ROBOT)

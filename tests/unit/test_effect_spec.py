@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+import table1
 from worlds import PENDULUM, dataset, drawn, experiment
 
 from pumaid.effect_spec import check_parameters, chosen_by, expanded
@@ -11,7 +12,6 @@ from pumaid.errors import ModelError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.robot import EffectChoice, read_choice
-from pumaid.simulation import table1
 
 PUMA = table1.puma560().robot
 

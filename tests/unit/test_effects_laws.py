@@ -8,6 +8,7 @@ from itertools import product
 import mujoco
 import numpy as np
 import pytest
+import table1
 from engines import held_by_mujoco
 from worlds import CRANE, PENDULUM, STANFORD
 
@@ -16,7 +17,7 @@ from pumaid.effects import Extent, Loads, Samples, Trace, catalogue
 from pumaid.joint_bins import JointBins
 from pumaid.model import Model, loads, loads_at
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import draw, table1
+from pumaid.simulation import draw
 
 COUNT = 50
 

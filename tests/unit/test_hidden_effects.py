@@ -6,13 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+import table1
 from monte_carlo import Bench, warming
 from scipy.optimize import brentq
 from test_session import SHORT, session
 
 from pumaid.errors import ModelError
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Hidden, draw, table1
+from pumaid.simulation import Hidden, draw
 from pumaid.simulation.hidden_effects import LAWS, ArmState, parse
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.trajectory import REST, Motion, Plan, run_trapezoid

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import table1
 import worlds
 from monte_carlo import Bench
 
@@ -11,7 +12,6 @@ from pumaid.dataset import Dataset
 from pumaid.errors import LogError
 from pumaid.io.paths import chosen_logs
 from pumaid.preprocessing.hold_out import hold_out, match_with_plan
-from pumaid.simulation import table1
 from pumaid.trajectory import Motion, Plan
 
 ROBOT = table1.puma560().robot

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import table1
 from monte_carlo import Bench
 from scipy import stats
 from worlds import CRANE, PENDULUM, STANFORD, arm, dataset, drawn, experiment, only, puma, truth_in_units
@@ -10,7 +11,6 @@ from pumaid.dataset import Dataset, first_motions
 from pumaid.estimation.estimate import identify
 from pumaid.joint_bins import samples_of
 from pumaid.model import Model
-from pumaid.simulation import table1
 
 PUMA = puma()
 BENCH = Bench(PUMA, table1.experiment(), rate=50.0)

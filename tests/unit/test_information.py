@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import table1
 from menus import arm, prior, small_set
 from monte_carlo import Bench
 from paper_recursion import gravity_current
@@ -28,7 +29,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import parsed_recipe
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Links, Noise, draw, table1
+from pumaid.simulation import Links, Noise, draw
 from pumaid.trajectory import Motion
 
 ROBOTS, WIDTH = 3, 5

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import table1
 from worlds import wrist
 
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Joint, Robot
-from pumaid.simulation import Friction, draw, simulate, table1
+from pumaid.simulation import Friction, draw, simulate
 from pumaid.simulation.hidden_effects import ArmState, Hidden
 from pumaid.simulation.mujoco_engine import RigidArm
 from pumaid.trajectory import Motion, Plan, trapezoids

@@ -6,13 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import table1
 from monte_carlo import Bench
 
 from pumaid.errors import ModelError
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
 from pumaid.results.truth_file import as_json
-from pumaid.simulation import Noise, draw, table1
+from pumaid.simulation import Noise, draw
 from pumaid.simulation.hidden_effects import parse
 from pumaid.simulation.session import CONTROL, simulate
 from pumaid.trajectory import Motion, Plan, cruise, trapezoids
