@@ -412,7 +412,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)
-    across_axes, z, levers = _axes(robot, samples)
+    across_axes, z, levers = (_axes if len(samples) <= MOST_KEPT else _axes.__wrapped__)(robot, samples)
     turns, constants = robot.is_revolute, model.moments(solution)
     weights, heavy = np.where(turns, 0.0, constants[:, 0]), np.asarray(constants.any(axis=1))
     moments = across_axes[0] * constants[:, :1] + across_axes[1] * constants[:, 1:]
@@ -441,6 +441,10 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
     drawn = load + model.friction(samples, solution)
     return Loads(load, elsewhere, slopes, tilts, across, drawn, gains, model.rubs(solution))
+
+
+#: Instants beyond which their axes are not kept: all that are take 0.2 GB on six joints.
+MOST_KEPT = 16_000
 
 
 @lru_cache(maxsize=24)  # the same in every fit to some bins

@@ -469,8 +469,8 @@ class Stepwise:
         shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
         folds = replicate_folds(on, sorted(after))
         falls = cache(partial(leave_out, on, (*shapes, trial.added), folds))
-        is_shared = len(after) < 2 or trial.added.effect.scope is not Scope.ARM
-        beyond = falls if is_shared else cache(lambda: without_strongest(falls(), folds))
+        is_wide = trial.added.effect.scope is Scope.ARM and len(after) > 1
+        beyond = cache(lambda: without_strongest(falls(), folds)) if is_wide else None
         return EvaluatedCandidate(
             *(trial, on, chance, evidence(on, trial), falls, before, after),
             beyond=beyond,
