@@ -340,12 +340,12 @@ class DiagnosisBuilder:
             for joint in self.fits[0].by_bin
         }
         self.offers = list[CurveOffer]()
-        self.refuted = {joint for item in search.denied for joint in item.after} - acting
+        self.refuted = {joint for item in search.denied for joint in item.shown_at} - acting
         self.refuted |= {
             joint
             for item in search.accepted
             if item.transfer is not None and item.transfer.is_partial
-            for joint in item.after
+            for joint in item.shown_at
         }
         for joint in self.verdicts:
             is_open = self.verdicts[joint].verdict == UNEXPLAINED_JOINT or self._shape(joint) is not None

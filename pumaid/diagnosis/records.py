@@ -33,6 +33,7 @@ HALF, DENIED, BLIND, MOST_LOST = 0.5, 3.0, 0.5, 20.0
 #: Notes of a model on logs or a recipe that do not mean what they say: likelier causes than missing physics.
 CAUSES = (
     *("position-reversed", "order-wrong", "gravity-wrong", "weight-missing", "scale-wrong", "loads-differ"),
+    "logs-disagree",
     *("sign-lost", "velocity-unrelated", "units-disagree", "joints-swapped", "offset-odd"),
 )
 

@@ -501,6 +501,11 @@ class EvaluatedCandidate:
         """Largest share by which a joint's RMSE falls."""
         return max((1.0 - after / self.before[joint] for joint, after in self.after.items()), default=0.0)
 
+    @property
+    def shown_at(self) -> set[int]:
+        """Joints whose RMSE falls by half of `gain` at least: what all feel says nothing of one at its noise."""
+        return {joint for joint, after in self.after.items() if 1.0 - after / self.before[joint] >= 0.5 * self.gain > 0}
+
     def worth(self, noise: Mapping[int, float]) -> float:
         """Largest fall of a joint's mean squared error over that of its noise (A), which is the same in any order."""
         falls = {joint: self.before[joint] ** 2 - after**2 for joint, after in self.after.items()}

@@ -352,7 +352,7 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     """The file with the largest error under a fit to all other runs, and what shows it."""
     origins, bins, suspects = np.array([run.origin for run in row.bins.runs]), row.bins, list[tuple[float, str, str]]()
 
-    def error(judged: Flags, fitted: Flags) -> float:
+    def error(judged: Flags, fitted: Flags, misfit: Floats = row.misfit) -> float:
         """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out.
 
         What these hardly show beside the former stays as both have it together: it would be guessed.
@@ -362,8 +362,8 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
         half = inverse_root(given + sought)
         shares, vectors = np.linalg.eigh(half.T @ given @ half)
         turned = half @ (vectors[:, shares > SHOWN] / np.sqrt(shares[shares > SHOWN]))
-        correction = turned @ (turned.T @ (design[source].T @ (bins.count * row.misfit)[source]))
-        residual = row.misfit[target] - design[target] @ correction
+        correction = turned @ (turned.T @ (design[source].T @ (bins.count * misfit)[source]))
+        residual = misfit[target] - design[target] @ correction
         return float(np.sqrt(np.average(residual**2 + bins.inside[target], weights=bins.count[target])))
 
     for name in dict.fromkeys(origins.tolist()):
@@ -377,6 +377,10 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
         usual = float(np.hypot(error(first, second), error(second, first)) / np.sqrt(2.0))
         missed = error(~rest, rest)
         why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(usual)} A"
+        # The misfit of the file with the other sign: what is drawn is that less the current twice.
+        turned = error(~rest, rest, row.misfit - 2.0 * bins.current * (~rest)[bins.run])
+        if turned < DISOWNED * usual:
+            why += f", and {number(turned)} A with its sign turned: its current has the other sign there"
         # What a fit of its own leaves of the file, too, the model lacks everywhere.
         suspects += [(missed / usual, name, why)] if missed > DISOWNED * max(usual, error(~rest, ~rest)) else []
     return max(suspects, default=(0.0, None, ""))[1:]

@@ -13,6 +13,7 @@ import numpy as np
 
 from pumaid.errors import LogError, Note, Where
 from pumaid.preprocessing.joint_signals import (
+    FARTHEST,
     FEWEST_WAYS,
     FLAT_WINDOWS,
     JUMPS,
@@ -234,6 +235,11 @@ POSITION_CHECKS = (
     Check("units-disagree", _first(lambda j: j.is_impossible and not j.jump, mend=position_counts),
           "positions of joint {joint}{alike} run from {j.span}, where no joint can be: counts of an encoder, or in "
           "another unit", "{mend}", fault=True),
+    Check("units-disagree",
+          _first(lambda j: not j.joint.is_revolute and j.joint.limits is not None and j.outside() > FARTHEST),
+          "joint {joint} slides, and its positions run from {j.span}, far beyond its limits {j.limits}",
+          "write their unit into the recipe's log block, as in units: {{prismatic_position: mm}}, or right limits into "
+          "the recipe", fault=True),
     Check("sign-lost", _first(lambda j: j.bounces >= JUMPS and max(j.lowest, -j.highest) >= 0.0
                               and not (j.jump or j.is_impossible)),
           "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
