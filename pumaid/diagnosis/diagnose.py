@@ -269,7 +269,7 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
     """
     a, b = first.by_bin[joint], last.by_bin[joint]
     before, after = (replicate_test(item.bins, item.misfit, item.residual) for item in (a, b))
-    is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS
+    is_repeated = after is not None and after.p_value * len(last.joints) <= REPEATS and after.share > EXCESS - 1.0
     forms = free_form_tests(last, joint)
     best = next((form for form in forms if form.p_value * len(last.joints) <= NAMELESS), None)
     is_clear = best is not None and best.evidence > DECISIVE
