@@ -235,11 +235,6 @@ POSITION_CHECKS = (
     Check("units-disagree", _first(lambda j: j.is_impossible and not j.jump, mend=position_counts),
           "positions of joint {joint}{alike} run from {j.span}, where no joint can be: counts of an encoder, or in "
           "another unit", "{mend}", fault=True),
-    Check("units-disagree",
-          _first(lambda j: not j.joint.is_revolute and j.joint.limits is not None and j.outside() > FARTHEST),
-          "joint {joint} slides, and its positions run from {j.span}, far beyond its limits {j.limits}",
-          "write their unit into the recipe's log block, as in units: {{prismatic_position: mm}}, or right limits into "
-          "the recipe", fault=True),
     Check("sign-lost", _first(lambda j: j.bounces >= JUMPS and max(j.lowest, -j.highest) >= 0.0
                               and not (j.jump or j.is_impossible)),
           "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
@@ -260,6 +255,11 @@ UNIT_CHECKS = (
           column="velocity"),
 )  # fmt: skip
 OTHER_CHECKS = (
+    Check("units-disagree",
+          _first(lambda j: not j.joint.is_revolute and j.joint.limits is not None and j.outside() > FARTHEST),
+          "joint {joint} slides, and its positions run from {j.span}, far beyond its limits {j.limits}",
+          "write their unit into the recipe's log block, as in units: {{prismatic_position: mm}}, or right limits into "
+          "the recipe", fault=True),
     Check("beyond-limits",
           _each(lambda j: j.has_moved and j.joint.max_velocity and j.speed > BEYOND * j.joint.max_velocity),
           "joint {joint} moves at {j.speed:.4g} {j.joint.position_unit}/s (RMS), its maximum is "

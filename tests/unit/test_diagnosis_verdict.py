@@ -373,6 +373,7 @@ def test_waves_on_trial_stay_if_together_they_predict_runs_left_out():
     assert sorted(round(term.shape["frequency"]) for term in search.added) == [14, 23, 37]
     assert [item.fault for item in search.accepted] == [None] * 3
     assert not search._drop_unsteady()
+    assert replace(first, before={1: 1.0, 2: 1.0}, after={1: 0.5, 2: 0.99}).shown_at == {1}
 
 
 @pytest.mark.parametrize("seed", [3, 6, 7, 8])

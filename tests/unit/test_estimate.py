@@ -368,6 +368,7 @@ def test_the_log_that_disagrees_is_named(tmp_path, place, share):
     lines = [line for line in notes(tmp_path, tables).splitlines() if line.startswith("note[logs-disagree]")]
     assert lines and all(f"log_{place + 1}.csv is inconsistent with the other logs" in line for line in lines)
     assert "joint 1" in lines[0] and (share < 1.0 or len(lines) == 1)
+    assert ("its current has the other sign there" in lines[0]) == (share < 1.0)
 
 
 @pytest.mark.parametrize("frequency", [3.0, 9.0], ids=["told by the log itself", "not told by the others"])

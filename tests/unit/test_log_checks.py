@@ -222,15 +222,17 @@ def test_a_velocity_with_holes_is_a_witness_where_it_is_there(share: float) -> N
     assert slugs(scaled(velocity=DEG)(log), arm()) == (["units-disagree"] if share < 0.5 else [])
 
 
-@pytest.mark.parametrize(("size", "slug"), [(1e3, "units-disagree"), (1.0, None)])
+@pytest.mark.parametrize(("size", "slug"), [(1e3, "units-disagree"), (60.0, "units-disagree"), (1.0, None)])
 def test_millimetres_against_the_limits(size: float, slug: str | None) -> None:
-    """A slide's positions as millimetres leave the limits a thousandfold and fit them; as metres they pass."""
+    """A slide's positions in millimetres, or in no unit that fits, leave the limits far behind; as metres they pass."""
     log, robot = good_log(), arm()
-    slides = tuple(replace(joint, kind="prismatic", limits=(-4.0, 4.0)) for joint in robot.joints)
+    limits = (1.0 if size == 60.0 else -4.0, 4.0)
+    slides = tuple(replace(joint, kind="prismatic", limits=limits) for joint in robot.joints)
     robot = replace(robot, joints=slides, log=replace(robot.log, units={"prismatic_position": "m"}))
     velocity = None if log.velocity is None else size * log.velocity
     found = watched(replace(log, position=size * log.position, velocity=velocity), robot)
     assert [fault.slug for fault in found if isinstance(fault, LogError)] == ([slug] if slug else [])
+    assert any("if they are mm" in str(fault) for fault in found) == (size == 1e3)
 
 
 def test_one_joint_of_many_turns_is_no_fault() -> None:
