@@ -95,6 +95,10 @@ def reported() -> Iterator[None]:
     try:
         try:
             yield
+        except RuntimeError as error:  # Python 3.11 makes one of Ctrl-C while a class is being made
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
         finally:
             sys.stdout.flush()
     except (Exit, click.ClickException, click.Abort):

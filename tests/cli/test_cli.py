@@ -63,10 +63,12 @@ def test_help_fits_a_screen_and_explains(name):
         (ImportError("libarrow.so: failed to map segment from shared object"), 3, "error[no-memory]: "),
         (ZeroDivisionError("by 0"), 4, "bug: pumaid failed with ZeroDivisionError"),
         (KeyboardInterrupt(), 130, "stopped;"),
+        (RuntimeError("Error calling __set_name__"), 130, "stopped;"),  # what Python 3.11 makes of Ctrl-C there
     ],
 )
 def test_failures_have_their_code(monkeypatch, error, code, words):
     """What the system refuses is bad input, Ctrl-C one clean line; our own failure says that it is ours, and where."""
+    error.__cause__ = KeyboardInterrupt() if isinstance(error, RuntimeError) else None
     monkeypatch.setattr("pumaid.effects.catalogue", raising(error))
     told = CliRunner().invoke(group, ["effects"])
     assert told.exit_code == code and words in told.stderr
