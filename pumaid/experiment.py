@@ -26,8 +26,6 @@ from pumaid.robot import Robot
 
 #: Of an experiment's folder: the logs, and the current model.
 LOGS, MODEL = "logs", "results/model.json"
-#: What ``--heldout`` is given for postures instead of files.
-POSTURE = "posture"
 
 
 def _silent(*_: object) -> None:
@@ -41,7 +39,7 @@ class Experiment:
     logs: tuple[str, ...] = ()  # as the user typed them: files, folders, globs, ``-``
     recipe: Path | None = None  # else near the logs
     results: Path | None = None  # else the folder ``results`` beside the recipe
-    heldout: tuple[str, ...] = ()  # logs whose runs are kept for judging, or ``posture``: each joint's last one
+    heldout: tuple[str, ...] = ()  # logs whose runs are kept for judging
     trust: bool = False  # logs are taken that cannot mean what the recipe says; the refusals become notes
     cell: float | None = None  # s that a cell of a block of any motion lasts; else as the encoder needs
     jobs: int = 0  # processes at most; 0: one a core
@@ -124,8 +122,7 @@ class Experiment:
         if not self.heldout:
             return dataset
         names = [facts.name for facts in dataset.files]
-        files = dict.fromkeys(name for word in self.heldout if word != POSTURE for name in chosen_logs(word, names))
-        return hold_out(dataset, files=files, postures=POSTURE in self.heldout)
+        return hold_out(dataset, [name for word in self.heldout for name in chosen_logs(word, names)])
 
     def files(self, *inputs: Path | None) -> list[Path]:
         """The files of this machine that a command works from, as far as they are there: what it must not write over.

@@ -13,7 +13,7 @@ from pumaid.dataset import BLOCK, CONSTANT, Bins, FirstMotions, Run, coarser, fi
 from pumaid.effects import Extent, Samples
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
-from pumaid.preprocessing.replicates import replicates
+from pumaid.preprocessing.replicates import LASTS, first_made, replicates
 from pumaid.robot import Robot, posture_groups
 
 #: Bins a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
@@ -28,7 +28,8 @@ FEWEST_SETTLED = 20
 
 #: Speeds within this share are one speed; held positions closer than this (rad or m) are one posture: far above encoder
 #: noise and creep, far below what a planner would call another posture.
-SAME_SPEED, SAME_POSTURE = 0.03, 0.03
+#: Share of the motion of blocks that must be made again so that this matters, and parts in which it then is.
+SAME_SPEED, SAME_POSTURE, AGAIN, PARTS = 0.03, 0.03, 0.1, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +123,23 @@ class JointBins:
         """Runs (from 0) that repeat one another, every run in one group."""
         groups = [tuple(group) for group in replicates(self.runs)]
         return sorted([*groups, *((run,) for run in set(range(len(self.runs))).difference(*groups))])
+
+    @cached_property
+    def motions(self) -> Counts:
+        """(N,) number of the motion in each bin: its run, or beyond these a part of what blocks make again and again.
+
+        A program that runs again, or waves with a period, tell no more of other motion than if they were made once.
+        """
+        numbers, clock = self.run.copy(), np.array([run.clock for run in self.runs])[self.run]
+        order = np.lexsort((self.samples.elapsed, clock))
+        order = order[self.is_block[self.run[order]]]
+        if len(order):
+            steps = np.diff(self.samples.elapsed[order], prepend=self.samples.elapsed[order[0]])
+            time = np.cumsum(np.where((steps < 0.0) | (steps > LASTS), LASTS, steps))
+            first = first_made(time, self.samples.position[order])
+            if np.mean(first < time) > AGAIN:
+                numbers[order] = len(self.runs) + np.searchsorted(np.sort(first), first) * PARTS // len(first)
+        return numbers
 
     @cached_property
     def postures(self) -> list[tuple[int, ...]]:

@@ -112,7 +112,7 @@ def accuracy(options: argparse.Namespace) -> Iterator[str]:
     shares = {"PUMA 560, the paper's experiment twice": clustered, "the same, white-noise errors": white}
     for name, seed in ARMS:
         arm = drawn(name, seed)
-        planned = Bench(arm, plan(arm.robot, seed=seed, replicates=1), rate=50.0)
+        planned = Bench(arm, plan(arm.robot, seed=seed), rate=50.0)
         shares[f"{arm.robot.name}, planned"] = coverage(arm, planned, experiments=EXPERIMENTS)[0]
     yield header("arm and experiment", "parameters", "intervals that hold the truth", "lowest of a single parameter")
     for title, by_name in shares.items():
@@ -203,10 +203,14 @@ def hidden_at_work(seed: int) -> tuple[float, str, str]:
             lacking = truth.hiding([Hidden(effect, joint, times.get(effect, {}))])
         except ModelError:  # the joint carries no weight
             return size, effect, "not to be had"
-        quiet = replace(lacking, noise=replace(truth.noise, std=0.0 * truth.noise.std))
-        remaining = np.array([fit.rmse for fit in estimated(quiet, 1e7)[1].joints], float) / truth.noise.sample_std
+        quiet = replace(truth.noise, std=0.0 * truth.noise.std)
+        # Squares of what the base model leaves, beside what it leaves of the arm without the effect.
+        more, before = (
+            np.array([fit.rmse for fit in estimated(replace(arm, noise=quiet), 1e7)[1].joints], float) ** 2
+            for arm in (lacking, truth)
+        )
         (hidden,) = lacking.hidden
-        factor = size / float(np.max(remaining))
+        factor = size / float(np.sqrt(np.max((more - before) / truth.noise.sample_std**2)))
         values = {key: value * (factor if key in AT_WORK[effect] else 1.0) for key, value in hidden.values.items()}
         truth = replace(truth, hidden=(replace(hidden, values=values),))
     dataset, estimate = estimated(truth, counts)

@@ -88,8 +88,8 @@ heldout_option = click.option(
     "--heldout",
     type=LOGS,
     multiple=True,
-    metavar="FILE|posture",
-    help="Kept from the fit: logs, or each joint's last posture; repeatable.",
+    metavar="FILE",
+    help="Kept from the fit: logs, whole; repeatable.",
 )
 #: How logs are read.
 READING = (

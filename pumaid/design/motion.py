@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from pumaid.design.candidate_runs import home
 from pumaid.design.collision import TOLERANCE, Collision
 from pumaid.design.information import RATE, Criterion, Prior, median_errors, prior_robots, typical_sizes
-from pumaid.design.plan import check_ranges, plan, with_forecast
+from pumaid.design.plan import check_minutes, plan, with_forecast
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.maths import Bilinear, Counts, Floats, Gains, pseudo_inverse
@@ -361,7 +361,7 @@ def plan_motion(
         Too few blocks of motion fit in; a number out of range; all that was tried strikes something.
     """
     minutes = 2.0 if minutes is None else minutes
-    check_ranges(minutes)
+    check_minutes(minutes)
     seconds = 60.0 * minutes - 2.0 * REST
     if seconds < LEAST:
         what = f"{minutes:g} minutes are too short: a trajectory lasts for {LEAST:g} s at least"

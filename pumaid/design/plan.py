@@ -39,7 +39,7 @@ from pumaid.design.information import (
     rounded,
     shown_names,
 )
-from pumaid.errors import ModelError, Note, Where, refuse
+from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
 from pumaid.maths import Counts
 from pumaid.preprocessing.binning import DEFAULTS
@@ -96,8 +96,8 @@ COVERAGES = (Coverage(4, 4, 0.4), Coverage(4, 2, 0.4), Coverage(4, 1, 0.9), Cove
 class Planner:
     """Makes plans for one arm, which may be any of the prior robots; the same seed makes the same plan.
 
-    `seconds` are those of the robot, moves included, `passes` how often the arm is gone through; None where the planner
-    decides. `names` are the gravity parameters and ratios that the arm has.
+    `seconds` are those of the robot, moves included; None where the planner decides. `names` are the gravity parameters
+    and ratios that the arm has.
     """
 
     def __init__(
@@ -108,10 +108,9 @@ class Planner:
         seed: int,
         tell: Callable[[str], None],
         seconds: float | None = None,
-        passes: int | None = None,
     ) -> None:
         self.robot, self.prior, self.seed, self.tell = robot, prior, seed, tell
-        self.seconds, self.passes = seconds, passes
+        self.seconds = seconds
         self.names, self.collision = shown_names(robot), Collision(robot, spare=TOLERANCE)
         tell("choosing postures")
         rng = np.random.default_rng([seed, 3])
@@ -163,8 +162,7 @@ class Planner:
         """The same of all candidates."""
         self.tell("choosing runs")
         many = int(np.clip(round((self.seconds or 0.0) / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
-        coverages = [replace(coverage, passes=self.passes or many) for coverage in COVERAGES]
-        coverages += [] if self.passes else [replace(coverages[-1], passes=1)]
+        coverages = [*(replace(coverage, passes=many) for coverage in COVERAGES), replace(COVERAGES[-1], passes=1)]
         usual = coverages[1]
         budget = self.seconds or max(
             _USUAL * self.robot.n_joints, usual.rounds * self._seconds(self._cover(usual)) / usual.share
@@ -341,8 +339,8 @@ class Planner:
             yield from (Posture(b.joint, b.hold, (), why) for b in self.judging if b.joint == joint.number)
 
 
-#: Minutes of a plan, and passes, at most.
-_LONGEST, _MOST = 1440.0, 200
+#: Minutes of a plan at most.
+_LONGEST = 1440.0
 #: A standard error above this share of a ratio leaves it unknown.
 _WEAK = 0.5
 #: m off its axis at which a payload is suggested.
@@ -353,7 +351,6 @@ def plan(
     robot: Robot,
     *,
     minutes: float | None = None,
-    replicates: int | None = None,
     prior: Estimate | None = None,
     payload: Payload | None = None,
     seed: int = 0,
@@ -368,8 +365,6 @@ def plan(
     ----------
     robot, minutes
         The arm; time that it may take, moves included, about four a joint where not given.
-    replicates
-        Passes over the arm, two or more where not given.
     prior, payload, seed, tell
         An earlier model of the arm, else several robots drawn from the geometry are planned for at once; kg, x, y, z
         (m) of what the last link carries; same seed, same plan; called with a word on what is done.
@@ -385,11 +380,10 @@ def plan(
     >>> plan(read_recipe("puma560"), minutes=12, seed=1).unseen["gravity.l1.x"][:20]
     'joint 1 (waist) turn'
     """
-    check_ranges(minutes, replicates)
+    check_minutes(minutes)
     planner = Planner(
         robot,
         seconds=None if minutes is None else 60.0 * minutes,
-        passes=replicates,
         prior=prior_robots(robot, estimate=prior, payload=payload, seed=seed),
         seed=seed,
         tell=tell,
@@ -452,14 +446,11 @@ def with_forecast(
     )
 
 
-def check_ranges(minutes: float | None, replicates: int | None = None) -> None:
-    """Refuse a time and a number of passes that no plan may have."""
-    faults = []
+def check_minutes(minutes: float | None) -> None:
+    """Refuse a time that no plan may have."""
     if minutes is not None and not 0.0 < minutes <= _LONGEST:
-        faults.append((f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"))
-    if replicates is not None and not 1 <= replicates <= _MOST:
-        faults.append((f"{replicates} replicates are out of range", f"give 1 to {_MOST}"))
-    refuse([ModelError("plan-impossible", what, mend=mend) for what, mend in faults])
+        what, mend = f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"
+        raise ModelError("plan-impossible", what, mend=mend)
 
 
 def needs(prior: Prior, promised: Mapping[str, float], hidden: Mapping[str, str]) -> Iterator[Note]:

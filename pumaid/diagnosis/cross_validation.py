@@ -49,12 +49,14 @@ def without_strongest(losses: FoldLosses, folds: Sequence[tuple[int, tuple[int, 
 
 
 def replicate_folds(solved: Fit, joints: Sequence[int]) -> list[tuple[int, tuple[int, ...]]]:
-    """Joints (from 1) and runs of each (from 0) that leave together: repeated ones, or each alone if too many would."""
+    """Joints (from 1) and motions of each that leave together: repeated ones, or each alone if too many would."""
     folds = []
     for bins in (solved.by_bin[joint].bins for joint in joints):
-        alone = tuple((number,) for number in range(len(bins.runs)))
-        is_too_many = max(len(group) for group in bins.groups) > MOST_LEAVING * len(bins.runs)
-        folds += [(bins.joint, group) for group in (alone if is_too_many else bins.groups)]
+        numbers = np.unique(bins.motions).tolist()
+        alone = [(number,) for number in numbers]
+        groups = [g for g in bins.groups if g[0] in numbers] + [g for g in alone if g[0] >= len(bins.runs)]
+        is_too_many = max(map(len, groups)) > MOST_LEAVING * len(numbers)
+        folds += [(bins.joint, group) for group in (alone if is_too_many else groups)]
     return folds
 
 
@@ -89,9 +91,9 @@ def leave_out(
     if prior is not None:
         units = inverse_root(gram - whole_cross.T @ (solved.inverse @ whole_cross) + firm)[None]
     remaining = {row.bins.joint: row.bins.inside_left(row.bins.current - row.misfit) for row in solved.joints}
-    for joint, runs in folds:
+    for joint, motions in folds:
         row = solved.by_bin[joint]
-        bins = np.isin(row.bins.run, runs)
+        bins = np.isin(row.bins.motions, motions)
         J, r, weight = row.jacobian[bins], row.residual[bins], row.bins.count[bins]
         C = white[joint][bins] if joint in white else np.zeros((len(r), len(slope)))
         cross, inverse = whole_cross - J.T @ C, _inverse(whole - J.T @ J, half)
@@ -120,10 +122,10 @@ def refit_losses(without: Fit, within: Fit, folds: Sequence[tuple[int, tuple[int
     return FoldLosses(losses[:, 0, 0] - losses[:, 1, 0], *rmse.tolist())
 
 
-def _loss(solved: Fit, joint: int, runs: tuple[int, ...]) -> tuple[float, float, float]:
+def _loss(solved: Fit, joint: int, motions: tuple[int, ...]) -> tuple[float, float, float]:
     """Whitened square of runs left out of a fit, their sum of squares (A2), and the number of their samples."""
     row = solved.by_bin[joint]
-    bins = np.isin(row.bins.run, runs)
+    bins = np.isin(row.bins.motions, motions)
     J, r, weight = row.jacobian[bins], row.residual[bins], row.bins.count[bins]
     information = solved.information() + np.diag(solved.prior**2) - J.T @ J
     move = -_inverse(information, solved.solution.linear.half) @ (J.T @ r)

@@ -116,9 +116,11 @@ def free_form_tests(solved: Fit, joint: int) -> list[FormTest]:
     counts, out = [len(trial.added.parameters(solved.model.robot)) for trial, _ in tests], list[FormTest]()
     for (trial, on), count in zip(tests, counts, strict=True):
         chance = chances.p_value(trial.added.key, trial.surprise(on.scale))
-        if is_few(solved, joint) and evidence(on, trial) > 0.0:
-            by_hat = [chance_of_pieces(on, replace(trial, sizes=hat), sum(counts)) for hat in np.eye(count)]
-            chance = min(1.0, 2.0 * min(chance, *by_hat))
+        if evidence(on, trial) > 0.0:
+            hats = [replace(trial, sizes=hat) for hat in np.eye(count)]
+            if is_few(solved, joint):
+                chance = min(1.0, 2.0 * min(chance, *(chance_of_pieces(on, hat, sum(counts)) for hat in hats)))
+            chance = max(chance, min(chance_of_pieces(on, hat, sum(counts), of_motion=True) for hat in hats))
         out.append(FormTest(trial, on, chance))
     return sorted(out, key=lambda test: -test.evidence)
 

@@ -366,21 +366,29 @@ def projected(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:
     return plain, on.inverse @ projector.crossed(projector.whitened(plain))
 
 
-def chance_of_pieces(on: Fit, trial: ScoreTest, tests: int) -> float:
+def chance_of_pieces(on: Fit, trial: ScoreTest, tests: int, *, of_motion: bool = False) -> float:
     """Chance that any of so many `tests` shows as much inside runs, pieces of which have noise of their own.
 
     The level of a run, which its pieces share, is taken out: what only differs from run to run shows nothing here.
+    `of_motion`: pieces are what blocks make again and again, all repeats as one, since what is left of these is alike;
+    the chance is zero where they make nothing again.
 
     Source
     ------
     J. E. Pustejovsky and E. Tipton, J. Bus. Econ. Stat. 36 (2018) 672-683: Hotelling's test of clustered errors.
     """
     (plain, turned), acting = projected(on, trial), np.flatnonzero(trial.sizes)
+    if of_motion and all(np.array_equal(on.by_bin[joint].bins.motions, on.by_bin[joint].bins.run) for joint in plain):
+        return 0.0
     scores, grams = list[Floats](), list[Floats]()
     for row, columns in ((on.by_bin[joint], columns) for joint, columns in plain.items()):
         bins, noise = row.bins, replace(row.noise, level=np.full(len(row.bins.runs), np.inf))
         white, residual = noise.whiten(bins, (columns - row.bare @ turned)[:, acting]), noise.whiten(bins, row.misfit)
         starts = _pieces(bins)
+        if of_motion:
+            order = np.argsort(bins.motions, kind="stable")
+            white, residual = white[order], residual[order]
+            starts = np.flatnonzero(np.diff(bins.motions[order], prepend=-1))
         scores.append(np.add.reduceat(white * residual[:, None], starts))
         grams.append(np.add.reduceat(white[:, :, None] * white[:, None, :], starts))
     if not scores or not len(acting):

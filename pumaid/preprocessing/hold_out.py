@@ -1,4 +1,4 @@
-"""Runs that are kept for judging a model: by the plan, by file, or each joint's last posture."""
+"""Runs that are kept for judging a model: by the plan or by file."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ import numpy as np
 from pumaid.dataset import BLOCK, STROKE, Dataset, Run
 from pumaid.errors import LogError, Note, Where, listed
 from pumaid.estimate import Estimate
-from pumaid.robot import Robot, posture_groups
+from pumaid.robot import Robot
 from pumaid.trajectory import Motion, Plan
 
 #: rad or m; held positions this near are one posture: a controller's steady error, far less than steps of a plan.
@@ -19,10 +19,6 @@ PLANNED_SPEED, STROKE_SPEED = 0.10, 0.4
 INSIDE = 0.5
 #: Missing motions, and files, that are named.
 MOST_NAMED = 4
-#: Postures that a joint needs to spare one: gravity's two constants and friction's share take three to stay known.
-FEWEST_POSTURES = 4
-#: A posture counts if it has this share of the runs of the joint's most used one.
-MEANT = 0.25
 
 
 def match_with_plan(dataset: Dataset, plan: Plan, robot: Robot) -> Dataset:
@@ -100,23 +96,18 @@ def _loaded(runs: Sequence[Run], planned: Sequence[Motion | None], robot: Robot)
     return out
 
 
-def hold_out(dataset: Dataset, *, files: Collection[str] = (), postures: bool = False) -> Dataset:
-    """Mark more runs as held out, whole files or whole postures at a time, so that no run is fitted in part.
-
-    Held out are all runs of `files` (as in `Dataset.files`); with `postures`, of every joint with at least four
-    postures, all runs at the one that was run last. Runs that the plan holds out stay so; a note counts.
+def hold_out(dataset: Dataset, files: Collection[str]) -> Dataset:
+    """Mark all runs of `files` (as in `Dataset.files`) as held out, too; a note counts.
 
     Raises
     ------
     LogError [heldout-nothing]
-        No run is meant: the files hold none, or no joint has postures to spare; or no run of a joint would be left to
-        fit.
+        The files hold no run, or no run of a joint would be left to fit.
     """
     chosen = {number for number, run in enumerate(dataset.runs) if run.origin in files}
-    if files and not chosen:
-        where = Where(file=sorted(files)[0])
-        raise LogError("heldout-nothing", f"there is no run in {listed(sorted(files))}", where, "name other files")
-    chosen |= _last_postures(dataset.runs) if postures else set()
+    if not chosen:
+        what = f"there is no run in {listed(sorted(files))}"
+        raise LogError("heldout-nothing", what, Where(file=sorted(files)[0]), "name other files")
     runs = tuple(replace(run, heldout=run.heldout or number in chosen) for number, run in enumerate(dataset.runs))
     for joint in sorted({runs[number].joint for number in chosen}):
         moving = [run for run in runs if run.joint == joint]
@@ -144,18 +135,3 @@ def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
         " are therefore wrong; was the plan changed, or --heldout used only once?"
     )
     return [Note("held-out-otherwise", text)] if changed else []
-
-
-def _last_postures(runs: Sequence[Run]) -> set[int]:
-    """Indices of each joint's runs at the posture that was first taken last, where there are enough postures."""
-    last: set[int] = set()
-    for joint in sorted({run.joint for run in runs}):
-        numbers = [number for number, run in enumerate(runs) if run.joint == joint and not run.heldout]
-        groups = posture_groups(np.array([runs[number].posture for number in numbers]), PLANNED_POSTURE)
-        most_used = max(map(len, groups), default=0)
-        groups = [group for group in groups if len(group) >= MEANT * most_used]
-        last |= {numbers[k] for k in groups[-1]} if len(groups) >= FEWEST_POSTURES else set()
-    if not last:
-        what = f"no joint was run in {FEWEST_POSTURES} postures, so none can be spared"
-        raise LogError("heldout-nothing", what, mend="hold out files, or run more postures")
-    return last

@@ -17,6 +17,9 @@ SAME_POSITION = 0.01
 SAME_SPEED = 0.03
 #: Share of the shorter run's travel that two replicates must have in common.
 OVERLAP = 0.8
+#: Motion over so many s, asked each other s at so many instants, is an earlier one again if all joints are where they
+#: were then, within this share of how far they move meanwhile. Places at most that are asked.
+LASTS, SPACING, PLACES, ALIKE, MOST_ASKED = 2.0, 0.1, 5, 0.1, 1000
 
 
 def replicates(runs: Sequence[Run]) -> list[list[int]]:
@@ -41,6 +44,24 @@ def replicates(runs: Sequence[Run]) -> list[list[int]]:
 
     groups = [order[group].tolist() for group in grouped(len(runs), repeating) if len(group) > 1]
     return sorted(groups, key=lambda group: group[0])
+
+
+def first_made(time: Floats, position: Floats) -> Floats:
+    """(N,) times (s) at which the arm first moved as it does at each of (N,) rising ones, with positions (N, J)."""
+    out, size, whole = time.copy(), np.ptp(position, axis=0), round(LASTS / SPACING)
+    scaled = (position / np.maximum(size, SAME_POSITION))[:, size > SAME_POSITION]
+    at = np.arange(time[0], time[-1] - LASTS, SPACING)
+    paths = np.stack([np.interp(at[:, None] + np.linspace(0.0, LASTS, PLACES), time, q) for q in scaled.T], axis=-1)
+    spread, paths = paths.var(axis=1).sum(axis=1) * PLACES, paths.reshape(len(at), -1)
+    squares = np.sum(paths**2, axis=1)
+    for place in range(whole, len(at), max(PLACES, len(at) // MOST_ASKED)):
+        away = squares[: place - whole + 1] + squares[place] - 2.0 * paths[: place - whole + 1] @ paths[place]
+        first = int(np.argmax(away < ALIKE**2 * spread[place]))
+        if away[first] < ALIKE**2 * spread[place]:
+            first += int(np.argmin(away[first : first + whole]))
+            again = slice(*np.searchsorted(time, [at[place], at[place] + LASTS]))
+            out[again] = time[again] - (at[place] - at[first])
+    return out
 
 
 def _turns(span: ArrayLike, other: ArrayLike) -> Floats:

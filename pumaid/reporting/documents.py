@@ -9,7 +9,6 @@ from pumaid.dataset import Dataset, Reject, Run
 from pumaid.estimate import Estimate
 from pumaid.estimation.evaluate import TOGETHER, Budget, Comparison
 from pumaid.reporting.run_tables import by_reason, samples_read
-from pumaid.reporting.tables import parameter_table
 from pumaid.reporting.text import BUDGET_LIMITS, in_unit, part_share, part_text
 from pumaid.results.documents import plain
 from pumaid.results.history import History
@@ -17,9 +16,6 @@ from pumaid.robot import Robot
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: Forms of a table, with their suffix.
-TABLE_FORMS = {"csv": "csv", "parquet": "parquet", "latex": "tex", "markdown": "md"}
 
 #: Entry of a run -> column of tables of runs; for prismatic joints m stands in place of rad.
 RUN_COLUMNS = {
@@ -115,20 +111,8 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
     )
 
 
-def parameters_as(estimate: Estimate, robot: Robot, form: str, *, units: str = "rad") -> bytes:
-    """The parameter table as a file's content, in one of `TABLE_FORMS`.
-
-    LaTeX and Markdown look like the paper's Table I; CSV and Parquet hold one row a parameter.
-    """
-    if form in ("csv", "parquet"):
-        return frame_as(parameters_frame(estimate, units), form)
-    return str(getattr(parameter_table(estimate, robot, units), form)()).encode("utf-8")
-
-
-def frame_as(frame: pd.DataFrame, form: str) -> bytes:
-    """A frame as a file's content: ``csv`` or ``parquet``."""
-    if form == "parquet":
-        return bytes(frame.to_parquet(index=False))
+def as_csv(frame: pd.DataFrame) -> bytes:
+    """A frame as a file's content."""
     return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
 
 

@@ -10,6 +10,7 @@ from free_motion import RATE, TICKS, picks, reach, recorded, waves
 
 from pumaid.dataset import Log
 from pumaid.diagnosis.compare import compare
+from pumaid.diagnosis.diagnose import diagnose
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
@@ -59,6 +60,14 @@ def test_unseen_work_is_predicted_to_the_noise():
         assert score.rmse < 1.5 * fit.rmse and not score.undetermined
     # The waist turns about gravity: what its parameters of weight draw is inertia.
     assert abs(comparison.joints[0].shares.get("gravity", 0.0)) < 1e-6 < 0.3 < comparison.joints[0].shares["inertia"]
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford"])
+def test_nothing_is_missing_where_waves_repeat(name):
+    """What a controller's jerks leave repeats with waves of 10 s: six times, it passed for ripples before."""
+    (truth, log), estimate = worked(name, "waves", 31), model(name, "waves", 31)
+    diagnosis = diagnose(estimate, segment([log], truth.robot), truth.robot)
+    assert diagnosis.findings == () and {joint.verdict for joint in diagnosis.joints} == {"adequate"}
 
 
 def test_a_clock_or_a_zero_that_is_off_is_told():

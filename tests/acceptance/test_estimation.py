@@ -44,7 +44,7 @@ def test_other_arms_intervals_hold():
     for name, seed in (("ur3e", 11), ("stanford", 12), ("pendulum2", 13)):
         robot = read_recipe(shipped_recipes()[name])
         truth = draw(robot, seed)
-        bench = Bench(truth, plan(robot, minutes=12, seed=seed, replicates=1), rate=50.0)
+        bench = Bench(truth, plan(robot, minutes=12, seed=seed), rate=50.0)
         ours, _ = coverage(truth, bench, experiments=20)
         means.append(np.mean(list(ours.values())))
         assert 0.92 <= means[-1] <= 0.98 and min(ours.values()) > least(20), name

@@ -60,7 +60,7 @@ def test_report_takes_the_logs_beside_its_model(arm, tmp_path, monkeypatch):
     text = page.read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>") and 'id="missing"' not in text
     assert (arm / "results" / "figures" / "spent.png").read_bytes().startswith(b"\x89PNG")
-    assert (arm / "results" / "tables" / "parameters.parquet").is_file()
+    assert (arm / "results" / "tables" / "parameters.csv").is_file()
 
 
 def test_report_goes_where_it_is_told(arm):

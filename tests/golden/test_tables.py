@@ -9,7 +9,7 @@ import report_contexts
 from rich.console import Console
 
 from pumaid.reporting.diagnosis import diagnosis_parts
-from pumaid.reporting.documents import parameters_as
+from pumaid.reporting.documents import as_csv, parameters_frame
 from pumaid.reporting.tables import parameter_table
 
 GOLD = Path(__file__).with_name("gold")
@@ -30,9 +30,10 @@ def check(name: str, made: bytes) -> None:
 def test_parameter_table(units):
     """Table I of the paper in every readable form."""
     paper = report_contexts.table_one()
-    check(f"table1_{units}.txt", parameter_table(paper.estimate, paper.robot, units).text().encode())
-    for form, suffix in (("markdown", "md"), ("latex", "tex"), ("csv", "csv")):
-        check(f"table1_{units}.{suffix}", parameters_as(paper.estimate, paper.robot, form, units=units))
+    table = parameter_table(paper.estimate, paper.robot, units)
+    for suffix, text in (("txt", table.text()), ("md", table.markdown()), ("tex", table.latex())):
+        check(f"table1_{units}.{suffix}", text.encode())
+    check(f"table1_{units}.csv", as_csv(parameters_frame(paper.estimate, units)))
 
 
 @pytest.mark.parametrize("units", ["rad", "deg"])

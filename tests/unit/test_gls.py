@@ -17,7 +17,7 @@ from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.joint_bins import joint_bins
 from pumaid.maths import RATIO_SPREAD, Bilinear, Gains, Recursion, fit_bilinear, independent, least_squares
 from pumaid.model import Model
-from pumaid.preprocessing.replicates import noise_floor, pairs, replicates
+from pumaid.preprocessing.replicates import first_made, noise_floor, pairs, replicates
 from pumaid.simulation import draw
 from pumaid.trajectory import Motion, Plan
 
@@ -214,6 +214,17 @@ def test_groups_keep_apart():
     """Three repeats make one group, two of another speed a second; a lone run is in none."""
     runs = [pendulum(speed=speed) for speed in (1.0, 0.5, 1.0, 2.0, 0.5, 1.0)]
     assert replicates(runs) == [[0, 2, 5], [1, 4]]
+
+
+def test_motion_that_is_made_again():
+    """A path of 7.3 s, with a pause of 3 s before its third time, and other motion, which nothing repeats."""
+    time = np.concatenate([np.arange(0.0, 14.6, 0.048), np.arange(17.6, 24.9, 0.048)])
+    phase = np.where(time < 15.0, time, time - 17.6) % 7.3
+    waves = 2.0 * np.pi / 7.3 * np.array([1.0, 2.0, 3.0])
+    path = np.sin(np.outer(phase, waves) + np.array([0.1, 1.0, 2.0]))
+    assert np.mean(np.abs(first_made(time, path) - phase) < 0.06) > 0.93  # it is asked every half second
+    other = np.sin(np.outer(time, 1.1 * waves * [1.0, 1.37, 0.71]) + np.array([0.1, 1.0, 2.0]))
+    np.testing.assert_array_equal(first_made(time, other), time)
 
 
 RNG = np.random.default_rng(4)

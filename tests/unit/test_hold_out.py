@@ -117,30 +117,6 @@ def test_every_run_of_a_file_is_held_out():
     assert found.notes[-1].text == f"{counts}; {len(before.runs) - len(expected) - 1} are left to fit"
 
 
-def test_the_last_posture_of_each_joint_is_held_out():
-    """All its runs and no other's: three postures a joint are left, and the one that is gone was begun last."""
-    found = hold_out(dataset(), postures=True)
-    for joint in (1, 2):
-        own = found.of_joint(joint)
-        kept = {tuple(np.round(np.delete(run.posture, joint - 1), 6)) for run in own if not run.heldout}
-        gone = {tuple(np.round(np.delete(run.posture, joint - 1), 6)) for run in own if run.heldout}
-        assert len(kept) == 3 and len(gone) == 1 and not kept & gone
-        assert gone == {tuple(np.round(np.delete(own[-1].posture, joint - 1), 6))}
-
-
-def test_a_chance_posture_does_not_count():
-    """Neither a run on the way between two postures nor a whole turn of a held joint makes another posture."""
-    few = dataset(3)
-    stray = replace(few.runs[-1], posture=few.runs[-1].posture + 0.5)
-    turned = [replace(run, posture=run.posture + 2 * np.pi * (number % 2)) for number, run in enumerate(few.runs)]
-    for runs in ((*few.runs, stray), turned):
-        with pytest.raises(LogError, match="no joint was run in 4 postures") as refused:
-            hold_out(Dataset(tuple(runs)), postures=True)
-        assert refused.value.slug == "heldout-nothing"
-    many = dataset(4)
-    assert held(hold_out(Dataset((*many.runs, stray)), postures=True)) == held(hold_out(many, postures=True))
-
-
 def test_a_joint_keeps_runs_to_fit():
     """Where files hold all runs of a joint, the joint and its files are named; a file without runs judges nothing."""
     runs = tuple(replace(run, origin=f"j{run.joint}.csv") for run in dataset().runs)

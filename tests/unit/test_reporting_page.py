@@ -21,7 +21,7 @@ import pumaid
 from pumaid.diagnosis.compare import compare
 from pumaid.diagnosis.records import Size
 from pumaid.estimation.evaluate import predictions, rmse
-from pumaid.reporting.documents import parameters_as, parameters_frame
+from pumaid.reporting.documents import parameters_frame
 from pumaid.reporting.page import (
     SECTIONS,
     ReportContext,
@@ -239,12 +239,12 @@ def test_history_is_shown_where_there_are_several_models(tmp_path, context):
 
 
 def test_a_report_has_page_tables_and_figures(context, files):
-    """One call yields all files, the page last; CSV, Parquet and the records agree."""
+    """One call yields all files, the page last; CSV and the records agree."""
     assert list(files)[-1] == "report.html" and "figures/spent.svg" in files
-    assert {"tables/parameters.tex", "tables/runs.parquet", "tables/comparison.md"} < set(files)
+    assert {"tables/parameters.tex", "tables/runs.csv", "tables/comparison.md"} < set(files)
     csv = pd.read_csv(io.BytesIO(files["tables/parameters.csv"]))
-    parquet = pd.read_parquet(io.BytesIO(parameters_as(context.estimate, context.robot, "parquet", units="deg")))
-    assert csv["value"].tolist() == pytest.approx(parquet["value"].tolist(), rel=1e-12, nan_ok=True)
+    values = parameters_frame(context.estimate, "deg")["value"].tolist()
+    assert csv["value"].tolist() == pytest.approx(values, rel=1e-12, nan_ok=True)
     assert list(csv["name"]) == [value.name for value in context.estimate.values]
 
 

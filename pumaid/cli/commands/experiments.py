@@ -152,12 +152,10 @@ def _list_robots(as_json: bool) -> None:
     rows = [{"name": name, "robot": robot.name, "joints": robot.n_joints} for name, robot in robots.items()]
     if as_json:
         document({"recipes": rows}, "recipes")
-        return
-    lines = [
-        *([str(value) for value in row.values()] for row in rows),
-        ["blank", "to fill in, any number of joints", "--joints N"],
-    ]
-    show(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))
+    else:
+        rows += [{"name": "blank", "robot": "to fill in, any number of joints", "joints": "--joints N"}]
+        lines = [[str(value) for value in row.values()] for row in rows]
+        show(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))
 
 
 # plan

@@ -13,7 +13,7 @@ from pumaid.diagnosis.records import Finding, JointDiagnosis
 from pumaid.effects import catalogue
 from pumaid.reporting import tables, text
 from pumaid.reporting.diagnosis import diagnosis_blocks, finding_table, headline
-from pumaid.reporting.documents import TABLE_FORMS, frame_as, parameters_as, scores_frame
+from pumaid.reporting.documents import as_csv, parameters_frame, scores_frame
 from pumaid.reporting.figures import model
 from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure
 from pumaid.reporting.figures.model import ReportContext
@@ -262,16 +262,13 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
 
 def report_files(context: ReportContext, forms: Sequence[str]) -> Iterator[tuple[str, bytes]]:
     """Tables, figures in some `forms` and the page, which comes last: relative name and content; nothing is written."""
-    for form in ("csv", "parquet", "latex", "markdown"):
-        yield (
-            f"tables/parameters.{TABLE_FORMS[form]}",
-            parameters_as(context.estimate, context.robot, form, units=context.units),
-        )
-    table = tables.comparison_table(context.comparison, context.robot)
-    yield "tables/comparison.tex", table.latex().encode("utf-8")
-    yield "tables/comparison.md", table.markdown().encode("utf-8")
-    for form in ("csv", "parquet"):
-        yield f"tables/runs.{form}", frame_as(scores_frame(context.comparison, context.robot), form)
+    parameters = tables.parameter_table(context.estimate, context.robot, context.units)
+    comparison = tables.comparison_table(context.comparison, context.robot)
+    for name, table in (("parameters", parameters), ("comparison", comparison)):
+        yield f"tables/{name}.tex", table.latex().encode("utf-8")
+        yield f"tables/{name}.md", table.markdown().encode("utf-8")
+    yield "tables/parameters.csv", as_csv(parameters_frame(context.estimate, context.units))
+    yield "tables/runs.csv", as_csv(scores_frame(context.comparison, context.robot))
     contents, pictures = all_contents(context), dict[str, str]()
     for drawing in all_figures(contents):
         pictures[drawing.name] = drawing.file(INLINE).decode("utf-8")
