@@ -196,6 +196,8 @@ def hidden_at_work(seed: int) -> tuple[float, str, str]:
 
     size, effect = float(rng.choice(MULTIPLES)), str(rng.choice(list(AT_WORK)))
     joint = None if effect in ("payload", "tilt") else int(rng.integers(1, robot.n_joints + 1))
+    if joint and catalogue()[effect].applies(robot, joint, in_motion=True) is not None:
+        return size, effect, "not to be had"
     if size:
         times = {"warmup": {"time_constant": seconds / 3.0}, "friction_step": {"time": seconds / 2.0}}
         times["payload"] = times["friction_step"]

@@ -16,7 +16,7 @@ TOLERANCE = 1e-3
 #: m beyond which a distance need not be known.
 _FAR = 10.0
 #: The tip, and the radius (m) that stands for it.
-_TIP, _POINT = "the tip", 1e-6
+_TIP, _POINT, _FLOOR = "the tip", 1e-6, "the floor"
 #: Positions of a path that are looked ahead; share of a straight one after which a pair is looked at with others.
 _AHEAD, _SOON = 48, 0.005
 #: Random postures: a pair that touches in all of them is a fault of the recipe.
@@ -191,8 +191,10 @@ class Collision:
         touches = (distance < margin).all(axis=0)
         for pair in np.flatnonzero(touches):
             outer, inner = self._pairs[pair]
-            # Links of a wrist overlap, and the first link turns on what the base stands on: no motion changes that.
-            if not inner.stands or (outer.link == 1 and outer.label != _TIP):
+            # Links of a wrist overlap, the first link turns on what the base stands on, and the second's lower end lies
+            # at one height, however wide its capsule: no motion changes that.
+            fixed = 2 if inner.label == _FLOOR else 1
+            if not inner.stands or (outer.link <= fixed and outer.label != _TIP):
                 self.touching.append(f"{outer.label} and {inner.label}")
                 continue
             what = (
@@ -226,7 +228,7 @@ def _shapes(robot: Robot, safety: Safety) -> Iterator[tuple[Geometry, dict[str, 
         x, y, z = up = -np.array(robot.gravity) / np.linalg.norm(robot.gravity)
         turn = [1.0 + z, -y, x, 0.0] if z > _POINT - 1.0 else [0.0, 1.0, 0.0, 0.0]  # takes z to up
         plane = {"type": kinds.mjGEOM_PLANE, "pos": safety.floor * up, "quat": turn, "size": [1, 1, 1]}
-        yield Geometry("the floor", 0, stands=True), plane
+        yield Geometry(_FLOOR, 0, stands=True), plane
 
 
 def link_capsules(robot: Robot, safety: Safety) -> Iterator[Capsule]:

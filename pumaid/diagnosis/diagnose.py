@@ -103,7 +103,7 @@ def reason(candidate: EvaluatedCandidate, better: str | None = None) -> str:
     """Why a candidate has the verdict that it has; `better` is what was chosen instead of it."""
     gain = 100.0 * candidate.gain
     return {
-        "chance": "chance alone makes something as good in these data",
+        "chance": "chance, or motion that is made again and again, makes something as good in these data",
         "heldout": "it does not predict runs that were left out any better",
         "single": "runs of a single joint show it, where the whole arm would feel it",
         "denied": "runs that were held out show too little of it, or are predicted decidedly worse with it",

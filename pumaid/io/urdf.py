@@ -4,7 +4,7 @@ import hashlib
 import math
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,6 +13,7 @@ import numpy as np
 
 from pumaid.errors import Note, RecipeError, Where, listed, meant
 from pumaid.io.forms import file_name, read_bytes, yaml_number, yaml_text, yaml_vector
+from pumaid.io.link_shapes import safety_lines
 from pumaid.io.mjcf import GRAVITY, urdf_of_mjcf
 from pumaid.io.recipe import (
     SIZES,
@@ -130,6 +131,10 @@ class UrdfFile:
         self.carrier = {joint.child: joint for joint in joints}
         self.carried: dict[str, list[UrdfJoint]] = {link: [] for link in names["link"]}
         self.carried |= by_key(joints, lambda joint: joint.parent)
+        self.shapes = {
+            link.get("name", "").strip(): link.findall("collision") or link.findall("visual")
+            for link in robot.findall("link")
+        }
         self.links = [link for link in names["link"] if link not in self.carrier]
         for link in self.links:
             self.links += [joint.child for joint in self.carried.get(link, []) if self.carrier[joint.child] is joint]
@@ -162,6 +167,12 @@ class UrdfFile:
             moving += [joint for joint in self.carried[part] if joint.moves]
             rigid += [joint.child for joint in self.carried[part] if not joint.moves]
         return moving
+
+    def rigid(self, link: str) -> Iterator[tuple[str, Floats]]:
+        """A link and all that is fixed to it, with their frames (4, 4) in its own."""
+        yield link, np.eye(4)
+        for joint in (joint for joint in self.carried[link] if not joint.moves):
+            yield from ((part, joint.frame() @ frame) for part, frame in self.rigid(joint.child))
 
     def path(self, base: str | None, tip: str) -> list[UrdfJoint]:
         """Joints outward from link `base` (the root where not given) to `tip`; [urdf-which-chain] where none lead."""
@@ -216,6 +227,15 @@ class UrdfRecipe:
             "".join(c if c.isprintable() else "?" for c in text) for text in (path.name, self.base, self.tip)
         ]
         given = [word for pair in (arguments or {}).items() for word in ("--arg", *pair) if word.isprintable()]
+        moving = [joint for joint in self.path if joint.moves]
+        solids = [
+            [(shape, frame) for part, frame in urdf.rigid(link) for shape in urdf.shapes[part]]
+            for link in (self.base, *(joint.child for joint in moving))
+        ]
+        length, place, heights = 0.0, np.eye(4), list[float]()
+        for joint in self.path:
+            length, place = length + float(np.linalg.norm(joint.frame()[:3, 3])), place @ joint.frame()
+            heights += [-float(gravity @ place[:3, 3])] * joint.moves
         self.text = recipe_text(
             shlex.join(["pumaid", "init", "--urdf", file, "--base", ends[0], "--tip", ends[1], *given]),
             name=yaml_text(urdf.name[:200] if urdf.name.strip() and urdf.name.isprintable() else "arm"),
@@ -223,6 +243,8 @@ class UrdfRecipe:
             source=yaml_text(f"{file}, links {ends[0]} to {ends[1]}; SHA-256 {urdf.digest}"),
             gravity=yaml_vector(gravity),
             joints=lines,
+            safety=safety_lines(solids, path.resolve().parent, length),
+            floor="0.0" if min(heights[1:], default=0.0) > 0.0 else "null",
         )
         for joints, about in (
             (self.left_out, "left out: {}; hold still those that the arm carries, they weigh on it"),

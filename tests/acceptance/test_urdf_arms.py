@@ -1,13 +1,19 @@
 """Recipes made from every URDF of example-robot-data, against pinocchio's own reading of the same files."""
 
 import re
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from urdfs import Engine, span_miss
+from clearance import driven
+from urdfs import Engine, Stated, serial_text, span_miss
 
+from pumaid.design.collision import Collision
+from pumaid.design.plan import plan
 from pumaid.errors import PumaidError
+from pumaid.io.link_shapes import capsule_about
 from pumaid.io.urdf import UrdfRecipe
 
 pytest.importorskip("pinocchio", reason="the independent reader is pinocchio (pip install pumaid[test])")
@@ -121,3 +127,73 @@ def test_gravity_of_the_urdf_is_spanned(name: str, base: str | None, tip: str | 
     made = UrdfRecipe(folder() / name, base=base, tip=tip)
     position = np.random.default_rng(5).uniform(-1.5, 1.5, (120, made.robot.n_joints))
     assert span_miss(made.robot, position, Engine(folder() / name, made).holding(position).T) < EXACT
+
+
+def mesh_gaps(file: Path, made: UrdfRecipe, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) least height of the file's meshes of links 1 and up, (N,) least distance of any that are held apart, m."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(file))
+    solids = pin.buildGeomFromUrdf(model, str(file), pin.COLLISION, package_dirs=[str(folder().resolve().parents[1])])
+    joints = [model.getJointId(joint.name) for joint in made.path if joint.moves]
+    links = {0: 0} | {joint: number for number, joint in enumerate(joints, start=1)}
+    numbers = [links.get(solid.parentJoint) for solid in solids.geometryObjects]
+    touching = Collision(made.robot).touching
+    for (first, inner), (second, outer) in product(enumerate(numbers), enumerate(numbers)):
+        words = f"link {outer} and {f'link {inner}' if inner else 'the base'}"
+        if None not in (inner, outer) and outer > inner + 1 and words not in touching:
+            solids.addCollisionPair(pin.CollisionPair(first, second))
+    data, placed, lows, apart = model.createData(), solids.createData(), [], []
+    corners = {
+        number: np.array(solid.geometry.vertices())
+        for number, (link, solid) in enumerate(zip(numbers, solids.geometryObjects, strict=True))
+        if link and hasattr(solid.geometry, "vertices")
+    }
+    for position in positions:
+        q = pin.neutral(model)
+        q[[model.joints[joint].idx_q for joint in joints]] = position
+        pin.computeDistances(model, data, solids, placed, q)
+        apart.append([result.min_distance for result in placed.distanceResults])
+        poses = [(points, placed.oMg[number]) for number, points in corners.items()]
+        lows.append(min(float((points @ pose.rotation[2]).min() + pose.translation[2]) for points, pose in poses))
+    return np.array(lows), np.min(apart, axis=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "tip"), [("ur_description/urdf/ur5_robot.urdf", None), ("xarm_description/urdf/xarm7.urdf", None)]
+)
+def test_no_plan_strikes_with_the_meshes_of_the_file(name, tip):
+    """A recipe has capsules about these, so runs and moves keep the margin; without them the arm strikes the floor."""
+    made = UrdfRecipe(folder() / name, tip=tip)
+    low, apart = mesh_gaps(folder() / name, made, driven(plan(made.robot, minutes=6, seed=3))[::40])
+    assert low.min() > 0.02 and apart.min() > 0.02
+    careless = driven(plan(replace(made.robot, safety=None), minutes=6, seed=3))[::40]
+    assert mesh_gaps(folder() / name, made, careless)[0].min() < 0.0
+
+
+def test_capsules_hold_the_points_and_little_more():
+    """Of points in a ball and in a slanted rod none is outside, and both ends are where they should be."""
+    rng = np.random.default_rng(0)
+    along = np.array([0.6, 0.0, 0.8])
+    ball = rng.normal(size=(4000, 3))
+    ball *= 0.04 / np.linalg.norm(ball, axis=1)[:, None]
+    for points, length in ((ball, 0.0), (ball + 0.5 * rng.random((4000, 1)) * along + 1.0, 0.5)):
+        start, end, radius = capsule_about(points)
+        share = np.clip((points - start) @ (end - start) / max(float((end - start) @ (end - start)), 1e-12), 0.0, 1.0)
+        assert np.linalg.norm(points - start - share[:, None] * (end - start), axis=1).max() < radius + 1e-9
+        assert radius < 0.045 and np.linalg.norm(end - start) == pytest.approx(length, abs=0.01)
+
+
+def test_shapes_that_cannot_be_read_are_guessed(tmp_path):
+    """A mesh that is not there, and a size that is none: the link gets a radius by the arm's length, and is named."""
+    shapes = {"l1": '<collision><geometry><mesh filename="package://arm/l1.stl"/></geometry></collision>'}
+    shapes["l2"] = '<collision><geometry><cylinder radius="wide" length="1"/></geometry></collision>'
+    shapes["l3"] = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'
+    text = serial_text([Stated(xyz=(0.0, 0.0, 0.3))] * 3)
+    for link, shape in shapes.items():
+        text = text.replace(f'<link name="{link}">', f'<link name="{link}">{shape}')
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    safety = UrdfRecipe(tmp_path / "arm.urdf").robot.safety
+    assert [(rod.link, rod.radius) for rod in safety.capsules] == [(3, 0.05)]
+    assert dict(safety.links) == {0: 0.05, 1: 0.05, 2: 0.05}
