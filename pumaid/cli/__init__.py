@@ -25,7 +25,6 @@ from pumaid.errors import (
     PumaidError,
     ResultError,
     Where,
-    meant,
     visible,
 )
 
@@ -52,14 +51,6 @@ class Commands(click.RichGroup):
     def list_commands(self, ctx: click.Context) -> list[str]:
         order = ORDER_OF_WORK.split()
         return sorted(self.commands, key=lambda name: order.index(name) if name in order else len(order))
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        names = self.list_commands(ctx)
-        if args and args[0] not in names and not args[0].startswith("-"):
-            raise click.UsageError(f"There is no command {args[0]}: {meant(args[0], names)}", ctx)
-        return super().resolve_command(ctx, args)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any

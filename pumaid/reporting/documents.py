@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from pumaid.dataset import Dataset, Reject, Run
@@ -54,17 +53,6 @@ def segments_document(dataset: Dataset, robot: Robot) -> dict[str, Any]:
     }
 
 
-def runs_frame(runs: Iterable[Run], robot: Robot) -> pd.DataFrame:
-    """One row a run in SI, postures in columns ``q1`` to ``qJ``, empty at the moving joint."""
-    import pandas as pd
-
-    entries = [plain(_run_entry(index, run, robot)) for index, run in enumerate(runs, 1)]
-    return pd.DataFrame(
-        [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries],
-        columns=[*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)],
-    )
-
-
 def _run_entry(index: int, run: Run, robot: Robot) -> dict[str, Any]:
     return (
         {"run": index, "name": robot.joint(run.joint).name}
@@ -78,8 +66,14 @@ def _place(record: Run | Reject) -> dict[str, Any]:
 
 
 def scores_frame(comparison: Comparison, robot: Robot) -> pd.DataFrame:
-    """The same with how the model does on each run."""
-    frame = runs_frame([score.run for score in comparison.runs], robot)
+    """One row a run in SI, postures in columns ``q1`` to ``qJ``, empty at the moving joint, and how the model does."""
+    import pandas as pd
+
+    entries = [plain(_run_entry(index, score.run, robot)) for index, score in enumerate(comparison.runs, 1)]
+    frame = pd.DataFrame(
+        [[*(entry[name] for name in RUN_COLUMNS), *entry["span"], *entry["posture"]] for entry in entries],
+        columns=[*RUN_COLUMNS.values(), "from_rad", "to_rad", *(f"q{joint.number}" for joint in robot.joints)],
+    )
     names = {"rmse": "rmse_A", "bias": "bias_A", "largest": "largest_A", "explained": "explained"}
     return frame.assign(
         **{head: [getattr(score, name) for score in comparison.runs] for name, head in names.items()},

@@ -14,9 +14,6 @@ from pumaid.robot import Robot, roll_pitch_yaw
 from pumaid.trajectory import Plan, Trajectory
 from pumaid.units import number
 
-#: Digits (rad, m) in which postures of a plan differ.
-_DIGITS = 6
-
 #: Row of the predicted standard errors -> parameter of joint n.
 _EXPECTED = {
     "k_x·g (A)": "gravity.l{n}.x",
@@ -158,11 +155,6 @@ def axes_table(robot: Robot, units: str = "deg") -> Table:
 # Plans
 
 
-def posture_key(joint: int, hold: Sequence[float]) -> tuple[int, tuple[float, ...]]:
-    """The moving joint and the rounded positions of the other joints: equal for runs in one posture."""
-    return joint, tuple(round(value, _DIGITS) + 0.0 for number, value in enumerate(hold, start=1) if number != joint)
-
-
 def plan_tables(plan: Plan, robot: Robot) -> list[Table]:
     """What a plan does by joint, its postures, and the standard errors that it predicts."""
     lines = [
@@ -199,7 +191,7 @@ def _motion_table(plan: Plan, robot: Robot) -> Table:
         scale, unit = in_unit(joint.position_unit, "deg")
         ends = [end * scale for motion in motions for end in (motion.start, motion.end)]
         speeds = sorted({f"{motion.velocity * scale:.4g}" for motion in fitted}, key=float)
-        postures = {posture_key(motion.joint, motion.hold) for motion in fitted}
+        postures = {tuple(np.round(np.delete(motion.hold, motion.joint - 1), 6) + 0.0) for motion in fitted}
         rows.append(
             [
                 f"{joint.number} {joint.name}",

@@ -196,7 +196,11 @@ class RigidArm:
         dry = self._coulomb * self._grip(v)
         if self._acting:
             state.position, state.velocity = self.reading, np.where(rests, 0.0, v)
-            state.load = self.load + self._inertial_load()
+            # Beside the weight what the links' accelerations in the last step took, without the motors' own inertia.
+            taken = np.zeros(self.model.nv)
+            engine().mj_mulM(self.model, self.data, taken, self.data.qacc)
+            taken -= self.model.dof_armature * self.data.qacc
+            state.load = self.load + self._gain * (taken @ self._shares)
             self._departure[rests] = state.position[rests]
             state.travel = np.abs(state.position - self._departure)
             state.friction = self.truth.friction.currents(state.velocity)
@@ -209,12 +213,6 @@ class RigidArm:
         if self._acting:
             self.state.load = self.load
             self._extra = self._hidden(Kind.LOAD)
-
-    def _inertial_load(self) -> Floats:
-        """(J,) A that the links' accelerations in the last step took of the motors, beside the motors' own inertia."""
-        taken = np.zeros(self.model.nv)
-        engine().mj_mulM(self.model, self.data, taken, self.data.qacc)
-        return np.asarray(self._gain * ((taken - self.model.dof_armature * self.data.qacc) @ self._shares))
 
     def _hidden(self, kind: Kind) -> Floats:
         """(J,) A of hidden friction (its size) or of hidden loads."""

@@ -41,7 +41,9 @@ class ArrayLog(LogSource):
         """The columns of all numeric arrays of one or two dimensions."""
         with refusing(self.name, mend=_MEND):
             data = self.path.read_bytes()
-            arrays = dict(_of_matlab(data) if data[:2] == b"MA" else np.load(io.BytesIO(data), allow_pickle=False))
+            matrices = (content for kind, content in _elements(data[128:]) if kind == _MATRIX)
+            of_matlab = (item for matrix in matrices for item in _arrays(matrix))
+            arrays = dict(of_matlab if data[:2] == b"MA" else np.load(io.BytesIO(data), allow_pickle=False))
         arrays = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and a.dtype.kind in "fiub"}
         self._columns: dict[str, Any] = {}
         for name, array in arrays.items():
@@ -68,16 +70,11 @@ class ArrayLog(LogSource):
             yield Batch(start + 2 + np.arange(values.shape[1]), values)
 
 
-def _of_matlab(data: bytes) -> Iterator[tuple[str, Any]]:
-    """The arrays of real numbers in a file of MATLAB's (`scipy.io.loadmat` ends the program on some damaged ones).
-
-    Source: MathWorks, MAT-File Format, chapter 1 (level 5).
-    """
-    return (item for kind, content in _elements(data[128:]) if kind == _MATRIX for item in _arrays(content))
-
-
 def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Kinds and contents of elements that follow one another, those that are packed unpacked."""
+    """Kinds and contents of elements of a MATLAB file that follow one another, those that are packed unpacked.
+
+    `scipy.io.loadmat` ends the program on some damaged ones. Source: MathWorks, MAT-File Format, chapter 1 (level 5).
+    """
     place = 0
     while place < len(data):
         kind, size = struct.unpack_from("<2I", data, place)
