@@ -75,14 +75,16 @@ def minimal(robot: Robot, *, seed: int = 0) -> Structure:
     here by rank instead of by their case rules.
     """
     rng = np.random.default_rng(seed)
-    n, names = robot.n_joints, [*gravity_links(robot)]
+    n, names, gravity = robot.n_joints, [*gravity_links(robot)], catalogue()["gravity"]
     owners = np.array([*gravity_links(robot).values()]) - 1
     recursion = Recursion(owners, n)
     truth = rng.uniform(0.5, 2.0, len(owners)) * rng.choice([-1.0, 1.0], len(owners))
     absent: dict[str, str] = {}
     embodied: list[int] = []
     for row in reversed(range(n)):
-        rows = _gravity_rows(robot, row + 1, rng.uniform(-np.pi, np.pi, (POSTURES, n)))
+        samples = Samples(row + 1, rng.uniform(-np.pi, np.pi, (POSTURES, n)), np.zeros((POSTURES, n)))
+        parts = [gravity.columns(robot, samples, number=link) for link in range(1, n + 1)]
+        rows = np.hstack([part * (link >= row) for link, part in enumerate(parts)])
         sign = rng.choice([-1.0, 1.0], POSTURES)
         matrix, owned, roots = recursion.design(row, rows)
         friction = np.column_stack([sign > 0, sign < 0]).astype(float)
@@ -116,13 +118,6 @@ def _why_absent(robot: Robot, link: int, constant: bool) -> str:
             f" friction and is part of coulomb.j{link}.plus and .minus"
         )
     return f"{name} stays perpendicular to gravity in every posture and so carries no weight"
-
-
-def _gravity_rows(robot: Robot, joint: int, position: Floats) -> Floats:
-    """(M, G) what the constants of gravity of all links, base to tip, ask of a joint at (M, J) positions."""
-    gravity, samples = catalogue()["gravity"], Samples(joint, position, np.zeros_like(position))
-    columns = [gravity.columns(robot, samples, number=link) for link in range(1, robot.n_joints + 1)]
-    return np.hstack([part * (link >= joint) for link, part in enumerate(columns, start=1)])
 
 
 class Model:

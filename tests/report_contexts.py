@@ -1,9 +1,12 @@
 """Report contexts for tests of tables, figures and pages: a small arm, its model, and the model's errors."""
 
+import io
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import worlds
+from rich.console import Console
 
 import pumaid
 from pumaid.dataset import Dataset, FileFacts, Reject
@@ -15,6 +18,15 @@ from pumaid.robot import Robot
 
 #: A name that would break a page, a LaTeX file or a Markdown table which did not escape it.
 HOSTILE = "<script>alert('1')</script> & 50% \\arm_{x} | \"quoted\""
+
+
+def printed(*parts: Any, width: int = 100) -> str:
+    """What a terminal of that width shows of tables and paragraphs, without colours."""
+    out = io.StringIO()
+    console = Console(file=out, width=width, color_system=None, highlight=False)
+    for part in parts:
+        console.print(part)
+    return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
 
 
 def small(robot: Robot = worlds.PENDULUM, *, units: str = "rad", seed: int = 5) -> ReportContext:

@@ -24,11 +24,10 @@ def remark(text: str) -> None:
 
 def notes(several: Iterable[Note]) -> None:
     """Notes and warnings of a result, on standard error, each once; one line for what is true of several joints."""
-    from pumaid.reporting.table import renamed
-    from pumaid.reporting.text import current_unit, merge_notes
+    from pumaid.reporting import table, text
 
-    merged = merge_notes(several)
-    for line in dict.fromkeys(visible(renamed(str(note), current_unit(merged))) for note in merged):
+    merged = text.merge_notes(several)
+    for line in dict.fromkeys(visible(table.renamed(str(note), text.current_unit(merged))) for note in merged):
         head, _, rest = line.partition("]: ")
         click.echo(click.style(head + "]", fg="yellow") + ": " + rest, err=True)
 

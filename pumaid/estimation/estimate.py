@@ -15,7 +15,7 @@ from pumaid.dataset import Dataset, Run, first_motions
 from pumaid.effect_spec import expanded
 from pumaid.effects import Family, Trace, load_refusal
 from pumaid.errors import LogError, Note, Where, listed, refuse
-from pumaid.estimate import GIVEN, IDENTIFIED, NOT_IDENTIFIABLE, Estimate, JointFit, Value
+from pumaid.estimate import GIVEN, IDENTIFIED, Estimate, JointFit, Value
 from pumaid.estimation.curves import curve_values
 from pumaid.estimation.evaluate import JointPrediction, fast_squares, predictions, rmse
 from pumaid.estimation.fit import Fit, FitRow
@@ -207,7 +207,7 @@ def _shapes(result: EffectFit, choices: Sequence[EffectChoice], values: Sequence
             elif shows:
                 out.append(replace(bare, value=term.shape[name], ci95=result.ranges.get((place, name))))
             else:
-                out.append(replace(bare, state=NOT_IDENTIFIABLE, **reason("no size", effect=term.effect.name)))
+                out.append(replace(bare, **reason("no size", effect=term.effect.name)))
     return out
 
 

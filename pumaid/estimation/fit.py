@@ -209,18 +209,14 @@ class Fit:
         """Linear parameters of an effect, by its place in the model."""
         return self.values[[n for n in self.columns_of(place) if self.model.columns[n].shape is None]]
 
-    @cached_property
-    def named(self) -> dict[str, float]:
-        """Linear parameters by name."""
-        return dict(zip(self.model.names, self.values.tolist(), strict=True))
-
     def signs(self, term: EffectTerm) -> Floats:
         """(p,) sign that each parameter of an effect must have at this arm; 0 where either is possible."""
         signs = np.array(term.effect.signs(term.shape), dtype=float)
         if len(signs) == 0:
             return np.zeros(len(term.effect.parameters(self.model.robot, term.number)))
         # Friction draws current along the motion, or, where the motor counts it so, backwards.
-        plus, minus = (self.named.get(f"coulomb.j{term.number}.{way}", 0.0) for way in ("plus", "minus"))
+        named = dict(zip(self.model.names, self.values.tolist(), strict=True))
+        plus, minus = (named.get(f"coulomb.j{term.number}.{way}", 0.0) for way in ("plus", "minus"))
         return signs * (np.sign(plus - minus) if term.effect.opposes_motion else 1.0)
 
     @cached_property

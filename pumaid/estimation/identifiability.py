@@ -143,15 +143,15 @@ MORE = {
 }
 
 
-#: The fields `reason` and `next_run` of a `Value` that is not determined.
+#: The fields `state`, `reason` and `next_run` of a `Value` that is not determined.
 Reason = dict[str, Any]
 
 
 def reason(kind: str, **values: object) -> Reason:
     """An entry of `REASONS` with its values; `more`, where given, is the next run."""
     text, next_run = REASONS[kind]
-    next_run = str(values["more"]) if "more" in values else next_run
-    return {"reason": text.format(**values), "next_run": next_run and next_run.format(**values)}
+    next_run = str(values["more"]) if "more" in values else next_run and next_run.format(**values)
+    return {"state": NOT_IDENTIFIABLE, "reason": text.format(**values), "next_run": next_run}
 
 
 #: Joint (from 1) -> the runs in which it moves.
@@ -252,7 +252,7 @@ def of_ratio(
     """
     redundant = model.structure.redundant.get((inner, outer))
     if redundant is not None:
-        return {"reason": redundant, "next_run": None}
+        return {"state": NOT_IDENTIFIABLE, "reason": redundant, "next_run": None}
     for joint in (inner, outer):
         if not coverage[joint]:
             return reason("no runs of one joint", joint=joint)
@@ -295,7 +295,7 @@ class FittedParameters:
         for name, why in model.structure.absent.items():
             link, part = int(name.split(".")[1][1:]), name.rsplit(".", 1)[1]
             symbol = f"m{link}" if part == "mass" else f"k{link}{part}"
-            out.append(_open(Value(name, symbol, link, "A s2/m"), {"reason": why}))
+            out.append(Value(name, symbol, link, "A s2/m", state=NOT_IDENTIFIABLE, reason=why))
         n, further = model.robot.n_joints, list[Value]()
         for inner in range(1, n):
             ratios = (self._ratio(inner, outer) for outer in range(inner + 1, n + 1))
@@ -317,10 +317,12 @@ class FittedParameters:
             bare = Value(f"torque_constant.j{joint.number}", f"K{joint.number}", joint.number, unit)
             ratio = Value("", "", None, "", value=1.0) if inner == outer else self._ratio(inner, outer)
             if not is_known or not self.coverage[joint.number] or ratio.value is None:
-                why = {"reason": ratio.reason, "next_run": ratio.next_run} if is_known and ratio.reason else None
+                why = reason("load alike" if self.coverage[joint.number] else "no runs")
+                if is_known and ratio.reason:
+                    why |= {"reason": ratio.reason, "next_run": ratio.next_run}
                 if index in self.confounded:
                     why = reason("confounded", names=listed(self.confounded[index], NAMED))
-                yield _open(bare, why or reason("load alike" if self.coverage[joint.number] else "no runs"))
+                yield replace(bare, **why)
                 continue
             sign = 1.0 if joint.number <= owner else -1.0  # the gain is that of the owner times the ratio, or over it
             slope = np.append(np.zeros(len(fitted.values)), sign * self._slope(inner, outer))
@@ -342,7 +344,7 @@ class FittedParameters:
         bare = Value(column.name, column.symbol, column.owner or None, column.unit)
         is_idle = column.scope in (Scope.JOINT, Scope.LINK) and not self.coverage[column.owner]
         if column.place is None and index in self.confounded and not is_idle:
-            return _open(bare, reason("confounded", names=listed(self.confounded[index], NAMED)))
+            return replace(bare, **reason("confounded", names=listed(self.confounded[index], NAMED)))
         is_open = is_idle or partners is not None
         if column.place is not None:
             # Known hardly better than before any data, or a shape best at a bound.
@@ -355,9 +357,11 @@ class FittedParameters:
             if row is not None and column.effect == "gravity":
                 square = float(np.average(row.design[:, index] ** 2, weights=row.bins.count))
                 lever = math.sqrt(square) / float(np.linalg.norm(model.robot.gravity))
-            return _open(bare, of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever))
+            return replace(
+                bare, **of_column(model, column, coverage=self.coverage, partners=partners or [], lever=lever)
+            )
         if self.fitted.first is None and self.fitted.system.owners[index] < 0:
-            return _open(bare, reason("several joints"))
+            return replace(bare, **reason("several joints"))
         variance = float(self.covariance[index, index] + np.sum(self.reach()[index] ** 2))
         # A shape's column holds what the fit moves the shape by.
         start = 0.0 if column.shape is None else model.effects[column.place or 0].shape[column.shape]
@@ -388,7 +392,7 @@ class FittedParameters:
         if self.coverage[inner] and self.coverage[outer] and np.isfinite(value):
             together = [name for edge in edges for name in self.confounded.get(p + edge, ())]
             if together:
-                return _open(bare, reason("confounded", names=listed(together, NAMED)))
+                return replace(bare, **reason("confounded", names=listed(together, NAMED)))
             # The row that gave an edge may have taken a load for known that the recursion had left open.
             beside = [k for edge in edges for k, upper in enumerate(gains.uppers) if upper == gains.uppers[edge]]
             is_guess = any(not set(self.fitted.absorbed).isdisjoint(self._behind(k).tolist()) for k in beside)
@@ -401,7 +405,7 @@ class FittedParameters:
                 if is_certain and all(self._is_loaded(edge) and self._is_bounded(edge) for edge in edges):
                     return _identified(bare, value, variance, dof)
                 load = min(map(self._load, edges), key=lambda pair: pair[0] / max(pair[1], 1e-300), default=load)
-        return _open(bare, of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
+        return replace(bare, **of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
 
     def _behind(self, edge: int) -> Counts:
         """Numbers of the parameters of loads behind edge number `edge`."""
@@ -582,10 +586,6 @@ def _identified(
     error = float(np.sqrt(max(variance, 0.0))) if ends is None else _error_of(ends, dof)
     ci95 = ends or interval(float(value), error, dof)
     return replace(bare, value=float(value), std_error=error, ci95=ci95, dof=float(dof))
-
-
-def _open(bare: Value, why: Reason) -> Value:
-    return replace(bare, state=NOT_IDENTIFIABLE, **why)
 
 
 def _held_at(posture: Floats, joints: str) -> str:

@@ -46,15 +46,6 @@ def _a_joint(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ..
     return values
 
 
-def _signs(signs: tuple[float, ...], info: ValidationInfo) -> tuple[int, ...]:
-    if len(signs) != len(arm_of(info).names) or not set(signs) <= {1.0, -1.0}:
-        raise refusal(
-            f"{len(signs)} values for {len(arm_of(info).names)} joints, which must be signs",
-            "write 1 or -1 for each joint, base to tip",
-        )
-    return tuple(map(round, signs))
-
-
 def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
     """Unit words by quantity."""
     for key, word in words.items():
@@ -91,7 +82,16 @@ Encoding = Annotated[
         " not tell which way a motor pushes",
     ),
 ]
-Signs = Annotated[tuple[Finite, ...], AS_LIST, AfterValidator(_signs)]
+Signs = Annotated[
+    tuple[Finite, ...],
+    AS_LIST,
+    check(
+        lambda signs, arm: len(signs) == len(arm.names) and {*signs} <= {1.0, -1.0},
+        "{} is not a sign for each joint",
+        "write 1 or -1 for each of the {n} joints, base to tip",
+    ),
+    AfterValidator(lambda signs: tuple(map(round, signs))),
+]
 Quantity = Literal["time", "position", "velocity", "prismatic_position", "prismatic_velocity", "current", "temperature"]
 
 

@@ -1,7 +1,7 @@
 """Tables of runs: those that logs contain, those that a plan asks for; and of the arm that makes them."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -222,12 +222,3 @@ def _trajectory_table(plan: Plan, made: Trajectory, robot: Robot) -> Table:
     times = f"{made.repeats} times {number(made.cycle, 3)} s, {number(plan.duration / 60.0, 3)} min"
     title = f"{plan.robot}: {f'{made.kind} ' * bool(made.kind)}trajectory, {times}"
     return Table(title, ("joint", "range", "highest speed", "highest acceleration"), rows, words=(0, 1, 2, 3))
-
-
-def session_table(files: Sequence[tuple[str, int, float, float]]) -> Table:
-    """Simulated files: name, samples, first and last time (s) of each."""
-    return Table(
-        "",
-        ("file", "samples", "from (s)", "to (s)"),
-        [[name, f"{samples:,}", f"{first:.1f}", f"{last:.1f}"] for name, samples, first, last in files],
-    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import html
-import io
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -87,12 +86,6 @@ class Table:
             rows=[[row[column] for column in chosen] for row in self.rows],
             words=[place for place, column in enumerate(chosen) if column in self.words],
         )
-
-    def text(self, width: int = WIDTH) -> str:
-        """The table as plain text at most `width` characters wide."""
-        out = io.StringIO()
-        Console(file=out, width=width, color_system=None, highlight=False).print(self)
-        return "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """On a terminal: errors beside values, else below them, else the columns in several parts."""

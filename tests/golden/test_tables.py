@@ -1,12 +1,10 @@
 """Tables and diagnoses as they are printed, letter by letter; records are written by hand, so no machine matters."""
 
-import io
 from pathlib import Path
 
 import diagnoses
 import pytest
 import report_contexts
-from rich.console import Console
 
 from pumaid.reporting.diagnosis import diagnosis_parts
 from pumaid.reporting.documents import as_csv, parameters_frame
@@ -31,7 +29,7 @@ def test_parameter_table(units):
     """Table I of the paper in every readable form."""
     paper = report_contexts.table_one()
     table = parameter_table(paper.estimate, paper.robot, units)
-    for suffix, text in (("txt", table.text()), ("md", table.markdown()), ("tex", table.latex())):
+    for suffix, text in (("txt", report_contexts.printed(table)), ("md", table.markdown()), ("tex", table.latex())):
         check(f"table1_{units}.{suffix}", text.encode())
     check(f"table1_{units}.csv", as_csv(parameters_frame(paper.estimate, units)))
 
@@ -40,9 +38,5 @@ def test_parameter_table(units):
 @pytest.mark.parametrize("name", ["rich", "clean"])
 def test_diagnosis(name, units):
     """Sentences, shape and tables of a diagnosis."""
-    out = io.StringIO()
-    console = Console(file=out, width=100, color_system=None, highlight=False)
-    for part in diagnosis_parts(getattr(diagnoses, name)(), diagnoses.PUMA, units=units):
-        console.print(part)
-    made = "".join(f"{line.rstrip()}\n" for line in out.getvalue().splitlines())
-    check(f"diagnosis_{name}_{units}.txt", made.encode())
+    parts = diagnosis_parts(getattr(diagnoses, name)(), diagnoses.PUMA, units=units)
+    check(f"diagnosis_{name}_{units}.txt", report_contexts.printed(*parts).encode())

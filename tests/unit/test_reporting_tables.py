@@ -20,7 +20,7 @@ from pumaid.estimate import Combination
 from pumaid.preprocessing.segment import segment
 from pumaid.reporting import run_tables, tables
 from pumaid.reporting.diagnosis import limit_table
-from pumaid.reporting.run_tables import axes_table, plan_tables, session_table
+from pumaid.reporting.run_tables import axes_table, plan_tables
 from pumaid.reporting.table import Cell, Table
 from pumaid.robot import Joint, Robot
 from pumaid.trajectory import Motion, Plan, Posture
@@ -53,7 +53,7 @@ def row(table, label):
 @pytest.mark.parametrize("width", [40, 60, 80, 120, 200])
 def test_text_is_never_wider_than_asked(width):
     """No line is longer than the terminal, and nothing is lost in a narrow one."""
-    text = WIDE.text(width)
+    text = report_contexts.printed(WIDE, width=width)
     assert max(map(len, text.splitlines())) <= width
     assert text.count("-0.12345") == 21 and text.count("0.00067") == 21
     assert "a reason" in text and "How to read it." in text
@@ -62,7 +62,8 @@ def test_text_is_never_wider_than_asked(width):
 def test_long_words_are_wrapped_not_cut():
     """A path wider than its column goes on in the next line."""
     path = "logs/" + "x" * 90 + "/end.csv"
-    text = Table("", ("file", "size", "what"), [[path, "1", "a b c " * 10]], words=(0, 2)).text(60)
+    table = Table("", ("file", "size", "what"), [[path, "1", "a b c " * 10]], words=(0, 2))
+    text = report_contexts.printed(table, width=60)
     assert "…" not in text and "".join(line.split(" ")[0] for line in text.splitlines()[1:]).startswith(path)
 
 
@@ -231,7 +232,7 @@ def test_all_ways_to_a_terminal_are_guarded(capsys):
     output.say(STEERING)
     output.remark(STEERING)
     output.notes([Note("odd", STEERING)])
-    output.show(session_table([(STEERING, 1, 0.0, 1.0)]))
+    output.show(Table("", ("file",), [[STEERING]]))
     told = capsys.readouterr()
     assert re.findall("[\x1b\x07\u202e]", told.out + told.err) == [] and (told.out + told.err).count(r"\x1b") == 4
     output.write_result(Path("-"), STEERING)
@@ -244,4 +245,4 @@ def test_names_are_not_read_as_markup(name):
     robot = Robot(name, (replace(Joint(1, name, "revolute"), limits=(-1.0, 1.0)),))
     plan = Plan(name, (Motion(1, (0.0,), -1.0, 1.0, 0.5),), (Posture(1, (0.0,), (), name),))
     tables = [*plan_tables(plan, robot), axes_table(robot)]
-    assert [table.text(200).count(name) for table in tables] == [2, 1, 2]
+    assert [report_contexts.printed(table, width=200).count(name) for table in tables] == [2, 1, 2]

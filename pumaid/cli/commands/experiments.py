@@ -317,7 +317,7 @@ def simulate(
       pumaid simulate --hide stribeck@3:a=0.2 --hide spring@2 -o hidden/
     """
     from pumaid.io import plan_file, write
-    from pumaid.reporting.run_tables import session_table
+    from pumaid.reporting.table import Table
     from pumaid.results.truth_file import as_json as truth_json
     from pumaid.simulation import session
 
@@ -346,7 +346,8 @@ def simulate(
         entries = [dict(zip(("file", "samples", "start", "end"), entry, strict=True)) for entry in files]
         document({"robot": robot.name, "seed": seed, "files": entries}, "simulation")
     else:
-        show(session_table(files))
+        rows = [[name, f"{samples:,}", f"{start:.1f}", f"{end:.1f}"] for name, samples, start, end in files]
+        show(Table("", ("file", "samples", "from (s)", "to (s)"), rows))
     remark(f"logs and truth.json written to {folder}")
 
 

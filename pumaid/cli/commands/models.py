@@ -115,8 +115,7 @@ def identify(
     from pumaid.cli.additions import identified, typed_words
     from pumaid.dataset import CONSTANT
     from pumaid.effect_spec import chosen_by
-    from pumaid.reporting.tables import combination_table, parameter_table
-    from pumaid.reporting.text import current_unit
+    from pumaid.reporting import tables, text
     from pumaid.results import documents, history
 
     spare_inputs([output], experiment.files() if output else [])
@@ -135,9 +134,9 @@ def identify(
     if as_json or str(output) == "-":
         document(documents.model_document(estimate))
     else:
-        sums = combination_table(estimate)
-        tables = parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3])
-        show(*tables, unit=current_unit(estimate.notes))
+        sums = tables.combination_table(estimate)
+        parts = tables.parameter_table(estimate, robot, units), sums and sums.columns([0, 2, 3])
+        show(*parts, unit=text.current_unit(estimate.notes))
     if str(output) != "-":
         words = shlex.join(["pumaid", "diagnose", str(path), *typed_words(experiment, effect_files())])
         remark(f"model written to {path}; next: {words}")
@@ -216,9 +215,8 @@ def diagnose(
     """
     from pumaid.cli.additions import diagnosed
     from pumaid.diagnosis.records import DIAGNOSIS_NAME, diagnosis_document, write_diagnosis
+    from pumaid.reporting import tables, text
     from pumaid.reporting.diagnosis import diagnosis_parts
-    from pumaid.reporting.tables import history_table
-    from pumaid.reporting.text import current_unit
     from pumaid.results.history import ladder_of
 
     is_quiet, is_written = as_json or str(output) == "-", str(output) != "-"
@@ -233,8 +231,8 @@ def diagnose(
         document(diagnosis_document(diagnosis))
     else:
         steps = ladder_of(current) if current is not None and diagnosis.applied else None
-        parts = ["", history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units)
-        show(*parts, unit=current_unit(experiment.model(model).notes))
+        parts = ["", tables.history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units)
+        show(*parts, unit=text.current_unit(experiment.model(model).notes))
     if is_written:
         remark(f"diagnosis written to {path}")
     if picture is not None:

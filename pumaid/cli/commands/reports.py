@@ -119,9 +119,7 @@ def history(*, folder: Path, results: Path | None, as_json: bool) -> None:
       pumaid history my_arm
       pumaid history --json | jq '.ladders[0].models[].rmse'
     """
-    from pumaid.reporting import documents, tables
-    from pumaid.reporting.table import renamed
-    from pumaid.reporting.text import current_unit
+    from pumaid.reporting import documents, table, tables, text
     from pumaid.results import history as archive
 
     is_results = (folder / "models").is_dir() or folder.name == "results"
@@ -131,8 +129,8 @@ def history(*, folder: Path, results: Path | None, as_json: bool) -> None:
     if as_json:
         document(documents.history_document(models), "history")
     else:
-        units = [current_unit(ladder.rungs[-1].estimate.notes) for ladder in models.ladders]
-        show(*map(renamed, map(tables.history_table, models.ladders), units))
+        units = [text.current_unit(ladder.rungs[-1].estimate.notes) for ladder in models.ladders]
+        show(*map(table.renamed, map(tables.history_table, models.ladders), units))
 
 
 @click.command()
