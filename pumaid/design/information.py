@@ -47,11 +47,6 @@ class Prior:
     robots: tuple[Truth, ...]
     sentences: tuple[str, ...]
 
-    def typical_sizes(self) -> dict[str, float]:
-        """Name -> typical size of a parameter of the paper's model (SI)."""
-        tables = [truth.parameters() for truth in self.robots]
-        return typical_sizes(tables, {name: name.split(".")[0] for name in tables[0]})
-
 
 def typical_sizes(tables: Sequence[Mapping[str, float]], kinds: Mapping[str, str]) -> dict[str, float]:
     """Name -> typical size of a parameter (SI), of those that have `kinds`: the median over tables of values, one a

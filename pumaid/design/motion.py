@@ -159,7 +159,28 @@ class MotionInformation:
         return median_errors(self.names, information)
 
 
-class Fourier:
+class Shapes:
+    """What trajectories of an arm keep to.
+
+    `low_high` (2, J) are the lowest and highest position that one may take, in the middle of which the arm is at home;
+    `speeds` and `accelerations` (J,) are those that it has at most.
+    """
+
+    def __init__(self, robot: Robot, collision: Collision) -> None:
+        self.collision, places = collision, home(robot).tolist()
+        self.low_high = np.array([span(joint, at) for joint, at in zip(robot.joints, places, strict=True)]).T
+        quickest = np.where(robot.is_revolute, QUICKEST_TURN, QUICKEST_SLIDE)
+        self.speeds = USED * np.minimum(highest_speeds(robot), quickest)
+        self.accelerations = USED * accelerations(robot)
+
+    def clear(self, made: Trajectory) -> Trajectory | None:
+        """It, where a round of it strikes nothing."""
+        collision, dense = self.collision, np.linspace(0.0, made.cycle, int(made.cycle / DENSE) + 1)
+        is_free = collision.is_free or collision.first_hit_along(replace(made, repeats=1).at(dense)[0]) is None
+        return made if is_free else None
+
+
+class Fourier(Shapes):
     """Series of every joint that begin and end a period at rest: rows of sines, of cosines, of centres and of shares.
 
     Source: J. Swevers et al., IEEE Trans. Robotics and Automation 13 (1997) 730-740.
@@ -168,8 +189,7 @@ class Fourier:
     kind = "fourier"
 
     def __init__(self, robot: Robot, collision: Collision, seconds: float) -> None:
-        self.collision, self.low_high = collision, _room(robot)
-        self.speeds, self.accelerations = _limits(robot)
+        super().__init__(robot, collision)
         self.repeats = max(int(seconds / PERIOD), LEAST_REPEATS)
         self.period = seconds / self.repeats
         self.orders = np.arange(1, int(HIGHEST * self.period) + 1)[:, None]
@@ -215,17 +235,16 @@ class Fourier:
         q = scale * q - middle + self.low_high.mean(axis=0) + (values[-2] - 0.5) * free
         v, a = scale * v, scale * a
         v[[0, -1]], a[[0, -1]] = 0.0, 0.0
-        return _clear(Trajectory(time, q, v, a, self.repeats, self.kind), self.collision)
+        return self.clear(Trajectory(time, q, v, a, self.repeats, self.kind))
 
 
-class Picks:
+class Picks(Shapes):
     """Straight moves of least jerk from place to place and back to the first: (M, J) places as shares of the room."""
 
     kind = "picks"
 
     def __init__(self, robot: Robot, collision: Collision, seconds: float) -> None:
-        self.collision, self.low_high = collision, _room(robot)
-        self.speeds, self.accelerations = _limits(robot)
+        super().__init__(robot, collision)
         rng = np.random.default_rng(0)
         usual = np.mean(self._lasting(rng.random((100, robot.n_joints)))) + PAUSE
         self.seconds, self.count = seconds, int(np.clip(FILLED * seconds / (LEAST_REPEATS * usual), 2, MOST_PICKS))
@@ -271,33 +290,15 @@ class Picks:
         q = np.vstack([q[0], q[2:], q[-1]])
         nothing = np.zeros_like(q)
         made = Trajectory(np.append(0.0, np.cumsum(steps)), q, nothing, nothing, repeats, self.kind)
-        return _clear(made, self.collision)
+        return self.clear(made)
 
 
 #: Kind -> what draws such trajectories.
 KINDS: dict[str, type[Fourier] | type[Picks]] = {"fourier": Fourier, "picks": Picks}
 
 
-def _room(robot: Robot) -> Floats:
-    """(2, J) lowest and highest position that a trajectory may take, in the middle of which the arm is at home."""
-    return np.array([span(joint, at) for joint, at in zip(robot.joints, home(robot).tolist(), strict=True)]).T
-
-
-def _limits(robot: Robot) -> tuple[Floats, Floats]:
-    """(J,) speeds and accelerations that a trajectory has at most."""
-    quickest = np.where(robot.is_revolute, QUICKEST_TURN, QUICKEST_SLIDE)
-    return USED * np.minimum(highest_speeds(robot), quickest), USED * accelerations(robot)
-
-
 def _peak(values: Floats) -> Floats:
     return np.asarray(np.maximum(np.abs(values).max(axis=0), 1e-12))
-
-
-def _clear(made: Trajectory, collision: Collision) -> Trajectory | None:
-    """It, where a round of it strikes nothing."""
-    dense = np.linspace(0.0, made.cycle, int(made.cycle / DENSE) + 1)
-    is_free = collision.is_free or collision.first_hit_along(replace(made, repeats=1).at(dense)[0]) is None
-    return made if is_free else None
 
 
 def best_motion(

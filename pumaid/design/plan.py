@@ -38,6 +38,7 @@ from pumaid.design.information import (
     prior_robots,
     rounded,
     shown_names,
+    typical_sizes,
 )
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
@@ -132,7 +133,8 @@ class Planner:
         pace = MOVE_SHARE * highest_speeds(self.robot)
         away = np.abs(np.array([block.hold for block in blocks]) - home(self.robot)) / pace
         self._away = _OPENING * (np.max(away, axis=1) + RAMP_TIME)
-        sizes = self.prior.typical_sizes()
+        tables = [truth.parameters() for truth in prior.robots]
+        sizes = typical_sizes(tables, {name: name.split(".")[0] for name in tables[0]})
         self.sizes = np.array([sizes[name] for name in self.candidates.names])
         self.whole = self.criterion = Criterion(self.sizes, np.ones(len(self.sizes), dtype=bool))
 

@@ -34,13 +34,6 @@ def _cubics(window: int, derivative: int) -> Floats:
     return np.asarray(read / (window // 2) ** derivative @ np.linalg.pinv(powers))
 
 
-@lru_cache(64)
-def _noise_gain(window: int, count: int) -> float:
-    """Mean variance of the second derivative of `count` values of white noise of variance one."""
-    gains = np.sum(_cubics(window, 2) ** 2, axis=1)
-    return float(gains.sum() + (count - window) * gains[window // 2]) / count
-
-
 def savitzky_golay(values: Floats, window: int, derivative: int) -> Floats:
     """(M,) local cubics through `window` (odd) equally spaced values each; at the ends the outermost are extended.
 
@@ -89,7 +82,9 @@ def acceleration(time: Floats, position: Floats) -> Floats:
         rough = bent - savitzky_golay(bent, window, 0)
         curved = savitzky_golay(bent, window, 2)
         noise = float(rough @ rough) / len(rough) * window / (window - ORDER - 1)
-        carried = max(noise, floor**2) * _noise_gain(window, len(time))
+        # Mean variance of the second derivative of white noise of variance one.
+        gains = np.sum(_cubics(window, 2) ** 2, axis=1)
+        carried = max(noise, floor**2) * (gains.sum() + (len(time) - window) * gains[window // 2]) / len(time)
         square = float(curved @ curved) / len(curved)
         if square > clearest * carried:
             best, clearest = curved / step**2, square / carried

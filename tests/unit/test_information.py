@@ -22,6 +22,7 @@ from pumaid.design.information import (
     robot_of_estimate,
     run_moments,
     shown_names,
+    typical_sizes,
 )
 from pumaid.design.motion import inertial_values
 from pumaid.design.plan import plan
@@ -127,7 +128,8 @@ def test_criterion_is_the_mean_error_and_its_slope(counted):
 
 def criterion_of(name: str) -> Criterion:
     """Of relative errors on a small set."""
-    sizes = prior(name).typical_sizes()
+    tables = [truth.parameters() for truth in prior(name).robots]
+    sizes = typical_sizes(tables, {name: name.split(".")[0] for name in tables[0]})
     at = np.array([sizes[label] for label in small_set(name).names])
     return Criterion(at, np.ones(len(at), dtype=bool))
 
