@@ -28,6 +28,10 @@ from pumaid.robot import Robot
 LOGS, MODEL = "logs", "results/model.json"
 
 
+def _silent(*_: object) -> None:
+    """What a report is where nobody listens."""
+
+
 @dataclass(frozen=True)
 class Experiment:
     """Logs, with the recipe, the plan and the results around them."""
@@ -41,8 +45,8 @@ class Experiment:
     jobs: int = 0  # processes at most; 0: one a core
     dask: str = ""  # a Dask cluster's scheduler, or ``local``
     is_kept: bool = True  # the dataset is written for whoever reads these logs next
-    tell: Callable[[str], None] = lambda *_: None  # called with a sentence on what was read or written
-    progress: Callable[[int, int], None] = lambda *_: None  # called with the number of files done, of how many
+    tell: Callable[[str], None] = _silent  # called with a sentence on what was read or written
+    progress: Callable[[int, int], None] = _silent  # called with the number of files done, of how many
 
     @cached_property
     def recipe_path(self) -> Path:

@@ -19,7 +19,6 @@ from pumaid.reporting.text import (
     is_noise_only,
     is_structural,
     joint_label,
-    letters,
     listed,
     part_share,
     part_text,
@@ -75,8 +74,9 @@ def amount(value: float | None, tone: str = "", *, beside: float | None = None) 
 
 
 def marked(marks: dict[str, str], text: str | None) -> str:
-    """The letter of the note `text` below a table, in which `marks` maps notes to letters; none for no text."""
-    return marks.setdefault(text, letters(len(marks))) if text else ""
+    """The letters (a, b, ... z, aa, bb, ...) of the note `text` below a table, which `marks` maps; none for no text."""
+    count = len(marks)
+    return marks.setdefault(text, chr(ord("a") + count % 26) * (count // 26 + 1)) if text else ""
 
 
 def notes_of(marks: dict[str, str]) -> list[tuple[str, str]]:

@@ -155,11 +155,6 @@ def plural(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
-def letters(index: int) -> str:
-    """A short name by its number from 0: a, b, ... z, aa, bb, ..."""
-    return chr(ord("a") + index % 26) * (index // 26 + 1)
-
-
 def listed(words: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
     return f" {last} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
