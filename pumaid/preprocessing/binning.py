@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, arrays_of, finer, finite_means, spans
 from pumaid.maths import Counts, Floats, pseudo_inverse
 from pumaid.preprocessing.differentiate import Ticks, slopes, velocity
-from pumaid.preprocessing.parallel_filter import Cells, about_line, cell_length, cells, position_noise, stroke_bins
+from pumaid.preprocessing.parallel_filter import about_line, cell_length, cells, position_noise, stroke_bins
 from pumaid.rigid_body import RigidBody
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -270,9 +270,22 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
     edges = np.linspace(time[0], time[-1], count + 1)
     sample = np.clip(np.searchsorted(time, edges), 0, len(time) - 1).tolist()
     runs, blocks = [], dict[int, list[Bins]]()
-    for joint in range(1, log.position.shape[1] + 1):
-        if np.count_nonzero(np.isfinite(table.current[:, joint - 1])) >= FEWEST_CELLS:
-            blocks[joint] = _blocks(_block_bins(log, time, table, joint), joint, table.parts[joint - 1], edges[1:-1])
+    n_columns, beside = table.columns[0].shape[1], np.searchsorted(time, table.time)
+    for k in np.flatnonzero(np.isfinite(table.current).sum(axis=0) >= FEWEST_CELLS).tolist():
+        cells_of_joint = Bins(
+            count=np.full(len(beside), table.width),
+            time=table.time,
+            position=table.position,
+            velocity=table.velocity[:, k],
+            acceleration=table.acceleration[:, k],
+            current=table.current[:, k],
+            variance=table.variance[:, k],
+            temperature=np.full(len(beside), np.nan) if log.temperature is None else log.temperature[beside, k],
+            extra=None if log.extra is None else log.extra[beside],
+            velocities=table.velocity,
+            rigid_body=np.pad(table.columns[k], ((0, 0), (n_columns - table.columns[k].shape[1], 0))),
+        )
+        blocks[k + 1] = _blocks(cells_of_joint, k + 1, table.parts[k], edges[1:-1])
     for place, (first, last) in enumerate(pairwise(sample)):
         part = log.part(slice(first, last + 1))
         for joint, bins in ((joint, those[place]) for joint, those in blocks.items()):
@@ -291,24 +304,6 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
                     )
                 )
     return runs
-
-
-def _block_bins(log: Log, time: Floats, table: Cells, joint: int) -> Bins:
-    """The cells of one joint as bins."""
-    moving, n_columns, beside = joint - 1, table.columns[0].shape[1], np.searchsorted(time, table.time)
-    return Bins(
-        count=np.full(len(beside), table.width),
-        time=table.time,
-        position=table.position,
-        velocity=table.velocity[:, moving],
-        acceleration=table.acceleration[:, moving],
-        current=table.current[:, moving],
-        variance=table.variance[:, moving],
-        temperature=np.full(len(beside), np.nan) if log.temperature is None else log.temperature[beside, moving],
-        extra=None if log.extra is None else log.extra[beside],
-        velocities=table.velocity,
-        rigid_body=np.pad(table.columns[moving], ((0, 0), (n_columns - table.columns[moving].shape[1], 0))),
-    )
 
 
 def _blocks(bins: Bins, joint: int, parts: Floats, edges: Floats) -> list[Bins]:
