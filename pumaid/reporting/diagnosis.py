@@ -238,11 +238,16 @@ def _named(finding: Finding, robot: Robot) -> str:
 
 def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str]:
     """What is known of a residual without a name."""
-    out = [f"{floor_words(joint)}."]
-    if joint.repeats is not None:
-        share, p = percent(joint.repeats.share), number(joint.repeats.p_value, 2)
-        out.append(f"{share} of the residual repeats in repeated runs (p = {p}).")
-    return [*out, *([form_sentence(joint.unexplained, units)] if joint.unexplained is not None else [])]
+    repeats, shape = joint.repeats, joint.unexplained
+    return [
+        f"{floor_words(joint)}.",
+        *(
+            [f"{percent(repeats.share)} of the residual repeats in repeated runs (p = {number(repeats.p_value, 2)})."]
+            if repeats is not None
+            else []
+        ),
+        *([] if shape is None else [form_sentence(shape, units)]),
+    ]
 
 
 def form_sentence(shape: Unexplained, units: str = "rad") -> str:
@@ -431,7 +436,11 @@ def diagnosis_blocks(
 
     Angles are in `units` (``rad`` or ``deg``).
     """
-    blocks: list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]] = []
+    summary = finding_table(diagnosis, robot)
+    blocks: list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]] = [
+        (None, [Paragraph(headline(diagnosis, robot), style="bold")]),
+        (None, [] if summary is None else [summary]),
+    ]
     for count, finding in enumerate((*diagnosis.findings, *diagnosis.applied), start=1):
         rank = f"{count}. " if count <= len(diagnosis.findings) else ""
         title = rank + finding_title(finding, diagnosis, robot)
@@ -445,8 +454,7 @@ def diagnosis_blocks(
         blocks.append((finding, parts))
     for joint in diagnosis.joints:
         if joint.verdict == UNEXPLAINED_JOINT:
-            name = joint_title(robot, joint.joint)
-            title = f"{name}: something is missing that no effect of the catalogue explains"
+            title = f"{joint_title(robot, joint.joint)}: something is missing that no effect of the catalogue explains"
             texts = unexplained_sentences(joint, units)
             blocks.append((joint, [Paragraph(title, style="bold"), *(Paragraph(text, 3) for text in texts)]))
     blocks.append((None, [Paragraph(text) for text in other_sentences(diagnosis, robot)]))
@@ -458,12 +466,7 @@ def diagnosis_blocks(
         limit_table(diagnosis, robot, units=units),
     )
     blocks += [(None, [table]) for table in made if table is not None]
-    summary = finding_table(diagnosis, robot)
-    blocks = [(None, [] if summary is None else [summary]), *blocks]
-    return [
-        (None, [Paragraph(headline(diagnosis, robot), style="bold")]),
-        *(block for block in blocks if block[1]),
-    ]
+    return [block for block in blocks if block[1]]
 
 
 def diagnosis_parts(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> list[Paragraph | Table]:
