@@ -211,14 +211,15 @@ def _meaning(name: str) -> dict[str, int]:
     """What the words of a name speak of, the first the strongest, and the place of the word among those for it."""
     words, out = words_of(name), dict[str, int]()
     for what, signs in _KNOWN.items():
-        places = [place for place, sign in enumerate(signs) if any(_is_like(word, sign) for word in words)]
+        # A word is one of these, ends with a long one, or holds a Chinese or Japanese one.
+        places = [
+            place
+            for place, sign in enumerate(signs)
+            for word in words
+            if word == sign or (len(sign) > 3 and word.endswith(sign)) or (not sign.isascii() and sign in word)
+        ]
         out |= {what: places[0]} if places else {}
     return out
-
-
-def _is_like(word: str, sign: str) -> bool:
-    """Whether a word of a name is this one, ends with it, or holds it in Chinese or Japanese."""
-    return word == sign or (len(sign) > 3 and word.endswith(sign)) or (not sign.isascii() and sign in word)
 
 
 def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, bool]:

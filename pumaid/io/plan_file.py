@@ -235,8 +235,9 @@ def _trajectory_faults(form: TrajectoryForm, robot: Robot, units: list[tuple[str
             "it does not rest there",
             "begin and end at rest",
         )
-    closes = all(np.allclose(part[0], part[-1], atol=1e-6) for part in (made.position, made.acceleration))
-    if made.repeats > 1 and not closes:
+    if made.repeats > 1 and not all(
+        np.allclose(part[0], part[-1], atol=1e-6) for part in (made.position, made.acceleration)
+    ):
         yield ((*knots, len(form.knots) - 1), "what is repeated does not end as it begins", "end at the first knot")
     between = np.linspace(made.time[:-1], made.time[1:], _BETWEEN + 1, axis=1)
     states = [part.reshape(*between.shape, -1) for part in replace(made, repeats=1).at(between.ravel())]
@@ -324,12 +325,12 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
                 ["time_s", *head],
                 *(map(_flow, row) for row in np.column_stack([time, np.hstack(states) / scales])),
             ]
-            return "".join(",".join(row) + "\n" for row in rows)
-        holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
-        rows = [["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"]]
-        for count, run in enumerate(entries["runs"], start=1):
-            numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
-            rows.append([str(count), str(run["joint"]), *numbers, units[run["joint"] - 1], run["purpose"]])
+        else:
+            holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
+            rows = [["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"]]
+            for count, run in enumerate(entries["runs"], start=1):
+                numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
+                rows.append([str(count), str(run["joint"]), *numbers, units[run["joint"] - 1], run["purpose"]])
         return "".join(",".join(row) + "\n" for row in rows)
     entries |= {
         "duration": round(plan.duration, 1),
@@ -361,8 +362,8 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         scale = scales[motion.joint - 1]
         ends = {"from": motion.start / scale, "to": motion.end / scale, "velocity": motion.velocity / scale}
         mass, *at = motion.payload or [0.0]
-        runs.append(head(motion) | ends | {"purpose": motion.purpose})
-        runs[-1] |= {"payload": {"mass": mass, "at": at}} if motion.payload else {}
+        carried = {"payload": {"mass": mass, "at": at}} if motion.payload else {}
+        runs.append(head(motion) | ends | {"purpose": motion.purpose} | carried)
     return {
         "kind": "plan",
         "format": 1,
@@ -384,8 +385,7 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
 
 def _trajectory_document(made: Trajectory, scales: list[float]) -> dict[str, Any]:
     parts = [(np.array(getattr(made, key)) / scales).tolist() for key in _STATES]
-    rows = zip(made.time.tolist(), *parts, strict=True)
-    knots = [dict(zip(("time", *_STATES), row, strict=True)) for row in rows]
+    knots = [dict(zip(("time", *_STATES), row, strict=True)) for row in zip(made.time.tolist(), *parts, strict=True)]
     return {"kind": made.kind, "repeats": made.repeats, "knots": knots}
 
 
