@@ -135,8 +135,11 @@ def added(
     done, refused = list[Finding](), list[Finding]()
 
     def addable() -> list[Finding]:
-        new = [item for item in diagnosis.findings if _is_addable(item, estimate)]
-        new = [item for item in new if not any(_is_same(item, other) for other in refused)]
+        new = [
+            item
+            for item in diagnosis.findings
+            if _is_addable(item, estimate) and not any(_is_same(item, other) for other in refused)
+        ]
         # With what has a name in the model, a curve may have one, too.
         named = [item for item in new if not catalogue()[item.effect].is_free]
         return (named or new)[: MOST_ADDED - len(done)]

@@ -383,8 +383,9 @@ def plan_motion(
     shares = {name: looked.share(errors[kind], rival) for name, rival in errors.items() if name != kind}
     parts = [f"{share} times those of {name} (by {count} parameters)" for name, (share, count) in shares.items()]
     text = f"in {minutes:g} min this {kind} trajectory promises errors {' and '.join(parts)}{why}"
-    bare = Plan(robot.name, (), trajectory=made[kind], seed=seed)
-    return looked.of(bare, errors[kind], [Note("plan-compared", text)])
+    return looked.of(
+        Plan(robot.name, (), trajectory=made[kind], seed=seed), errors[kind], [Note("plan-compared", text)]
+    )
 
 
 def check_motion(
@@ -429,16 +430,23 @@ class _Forecast:
         if (hit := self.collision.first_hit_along(dense[0])) is not None:
             yield Note("plan-strikes", f"the trajectory: {hit}")
         if made.seconds < LEAST:
-            text = f"the trajectory lasts for {number(made.seconds, 3)} s; intervals need {LEAST:g} s or more"
-            yield Note("plan-lacks", text)
+            yield Note(
+                "plan-lacks",
+                f"the trajectory lasts for {number(made.seconds, 3)} s; intervals need {LEAST:g} s or more",
+            )
         for joint, fastest in zip(self.robot.joints, _peak(dense[1]).tolist(), strict=True):
             if fastest < STICKING:
-                slow = f"it never moves faster than {STICKING:g} {joint.position_unit}/s"
-                text = f"joint {joint.number} ({joint.name}): {slow}"
-                yield Note("plan-lacks", text, Where(joint=joint.number))
+                yield Note(
+                    "plan-lacks",
+                    f"joint {joint.number} ({joint.name}): it never moves faster than {STICKING:g}"
+                    f" {joint.position_unit}/s",
+                    Where(joint=joint.number),
+                )
         if dark := [name for name in self.information.names if name not in promised]:
-            text = f"this trajectory does not show {', '.join(dark)}; compare with: pumaid plan --motion fourier"
-            yield Note("plan-dark", text)
+            yield Note(
+                "plan-dark",
+                f"this trajectory does not show {', '.join(dark)}; compare with: pumaid plan --motion fourier",
+            )
 
     def of(self, bare: Plan, promised: dict[str, float], notes: Iterable[Note]) -> Plan:
         """A plan with its forecast."""

@@ -188,6 +188,5 @@ def preset_formats(robot: Robot) -> dict[str, LogFormat]:
     out = dict[str, LogFormat]()
     for name in presets():
         with suppress(ValidationError):  # units of joints that turn, where all slide
-            form = LogForm.model_validate({"preset": name}, context=ArmForm({"joints": joints}))
-            out[name] = log_format(form, names)
+            out[name] = log_format(LogForm.model_validate({"preset": name}, context=ArmForm({"joints": joints})), names)
     return out

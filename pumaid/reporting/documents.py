@@ -98,8 +98,12 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
         low, high = value.ci95 if value.ci95 is not None else (None, None)
         amounts = {"value": value.value, "std_error": value.std_error, "ci_low": low, "ci_high": high}
         scaled = {key: None if amount is None else scale * amount for key, amount in amounts.items()}
-        head = _entries(value, "name symbol joint") | {"unit": unit}
-        rows.append(head | scaled | _entries(value, "dof state reason next_run"))
+        rows.append(
+            _entries(value, "name symbol joint")
+            | {"unit": unit}
+            | scaled
+            | _entries(value, "dof state reason next_run")
+        )
     return pd.DataFrame(rows).astype(
         {**dict.fromkeys(["value", "std_error", "ci_low", "ci_high", "dof"], "float64"), "joint": "Int64"}
     )

@@ -56,13 +56,15 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
             ]
         place = [f"{index} *" if run.heldout else str(index), names[run.origin], run_time(run)]
         rows.append([*place, *motion, str(max(part.samples for part in joints)), run.kind])
-    head = ("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)")
     notes = [("*", "held out for validation")] if any(run.heldout for run in dataset.runs) else []
     caption = "A stroke's speed is its mean speed."
     cells = [float(np.median(np.diff(run.bins.time))) for run in dataset.runs if run.kind == BLOCK]
     if cells:
         caption += f" Cells of blocks last {number(1e3 * min(cells), 3)} to {number(1e3 * max(cells), 3)} ms."
-    header = (*head, "samples", "kind")
+    header = (
+        *("run", "file", "time (s)", "joint", "other joints at", f"range ({unit})", f"speed ({unit}/s)"),
+        *("samples", "kind"),
+    )
     table = Table(f"{robot.name}: {counted_runs(dataset.runs)}", header, rows, notes, caption, words=(1, 3, 4, 8))
     return table.columns([k for k in range(len(header)) if any(row[k] != "-" for row in rows) or not rows])
 
@@ -81,8 +83,10 @@ def runs_by_joint_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -
         ranges = [" to ".join(side[:: max(1, len(side) - 1)]) or "-" for side in sides]
         head = [f"{joint.number} {joint.name}", *kinds, *ranges, unit if steady else "-", str(len(postures) or "-")]
         rows.append([*head, number(sum(run.duration for run in runs), 4) if runs else "-"])
-    ways = ("forward speeds", "backward speeds", "unit")
-    header = ("joint", "constant", "strokes", "blocks", *ways, "postures", "time (s)")
+    header = (
+        *("joint", "constant", "strokes", "blocks", "forward speeds", "backward speeds", "unit"),
+        *("postures", "time (s)"),
+    )
     table = Table("Runs by joint", header, rows, words=(0, 4, 5, 6))
     return table.columns([k for k in range(len(header)) if k == 0 or any(row[k] != "-" for row in rows)])
 

@@ -332,8 +332,7 @@ def part_text(budget: Budget, part: BudgetPart) -> str:
 
 def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) -> list[str]:
     """Each text once, after the joints of which it is said; `count` is the number that are all joints."""
-    groups = by_key(texts, lambda pair: pair[1]).items()
-    joints_of = {text: [joint for joint, _ in group] for text, group in groups}
+    joints_of = {text: [joint for joint, _ in group] for text, group in by_key(texts, lambda pair: pair[1]).items()}
     return [
         f"{'All joints' if len(joints) == count > 1 else joint_title(robot, *joints)}: {text}"
         for text, joints in joints_of.items()

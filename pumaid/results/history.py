@@ -169,12 +169,10 @@ def read_history(results: Path) -> History:
         changes = [
             (_beyond(effects, x.estimate.effects), _beyond(x.estimate.effects, effects), x.number) for x in group
         ]
-        nearest = min(
+        added, removed, parent = min(
             reversed(changes), key=lambda change: len(change[0]) + len(change[1]), default=(effects, (), None)
         )
-        added, removed, parent = nearest
-        is_current = entry.number == current
-        group.append(replace(entry, parent=parent, added=added, removed=removed, is_current=is_current))
+        group.append(replace(entry, parent=parent, added=added, removed=removed, is_current=entry.number == current))
     return History(
         str(results / FOLDER), tuple(_ladder(group, main) for group in groups.values()), current, tuple(notes)
     )

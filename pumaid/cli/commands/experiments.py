@@ -154,8 +154,7 @@ def _list_robots(as_json: bool) -> None:
         document({"recipes": rows}, "recipes")
     else:
         rows += [{"name": "blank", "robot": "to fill in, any number of joints", "joints": "--joints N"}]
-        lines = [[str(value) for value in row.values()] for row in rows]
-        show(Table("", ("name", "robot", "joints"), lines, words=(0, 1)))
+        show(Table("", ("name", "robot", "joints"), [list(map(str, row.values())) for row in rows], words=(0, 1)))
 
 
 # plan
@@ -229,8 +228,7 @@ def plan(
     if given is None:
         text_of(Plan(robot.name, ()), robot)  # an arm that the form cannot move is refused before the work
         path = output or (experiment.folder / PLAN_NAME).with_suffix(suffix)
-    read = experiment.files(asked["prior"], given)
-    inputs = [file for file in read if file.name != PLAN_NAME or file == given]
+    inputs = [file for file in experiment.files(asked["prior"], given) if file.name != PLAN_NAME or file == given]
     spare_inputs([path], inputs, new=() if force else (path,))
     with progress("planning") as step:
         made = _plan(experiment, options=asked, tell=lambda text: step(0.0, text))

@@ -123,8 +123,7 @@ def history(*, folder: Path, results: Path | None, as_json: bool) -> None:
     from pumaid.results import history as archive
 
     is_results = (folder / "models").is_dir() or folder.name == "results"
-    place = results or (folder if is_results else folder / "results")
-    models = archive.read_history(place)
+    models = archive.read_history(results or (folder if is_results else folder / "results"))
     notes(models.notes)
     if as_json:
         document(documents.history_document(models), "history")

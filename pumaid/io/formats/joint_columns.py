@@ -67,8 +67,10 @@ class JointColumns:
             for joint, place in zip(first_names, places, strict=False)
             if len(places) > 1 and self._is_beside(stem)
         }
-        more = [LogColumn(name, "", *first.get(name, ("", ""))) for name in self._stems]
-        return [*map(LogColumn, self._header), *more]
+        return [
+            *map(LogColumn, self._header),
+            *(LogColumn(name, "", *first.get(name, ("", ""))) for name in self._stems),
+        ]
 
     def needed(self, names: Sequence[str]) -> list[int]:
         """Indices of the columns of the file that make the named ones."""

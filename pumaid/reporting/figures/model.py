@@ -393,9 +393,15 @@ def curve_figures(context: ReportContext) -> list[Drawing]:
             columns = columns - columns.mean(axis=0)
             errors = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", columns, covariance, columns), 0.0))
             title = f"{joint_title(context.robot, term.number)}: learned curve {spoken_form(term.shape)}"
-            caption = "About its mean, which is part of Coulomb or viscous friction. Band: two standard errors."
             drawn = _learned(context, term, np.array([x, columns @ estimate.solution[numbers], errors]))
-            out.append(Drawing(f"curve_j{term.number}{term.mark}", title, caption, drawn))
+            out.append(
+                Drawing(
+                    f"curve_j{term.number}{term.mark}",
+                    title,
+                    "About its mean, which is part of Coulomb or viscous friction. Band: two standard errors.",
+                    drawn,
+                )
+            )
     return out
 
 

@@ -174,9 +174,7 @@ def missing(context: ReportContext) -> Content | None:
 def history(context: ReportContext) -> Content | None:
     """The models of the experiment, if there are several."""
     ladder = context.ladder
-    if ladder is None or len(ladder.rungs) < 2:
-        return None
-    return {"table": tables.history_table(ladder)}
+    return {"table": tables.history_table(ladder)} if ladder and len(ladder.rungs) > 1 else None
 
 
 def limits(context: ReportContext) -> Content:
@@ -262,9 +260,10 @@ def page(context: ReportContext, contents: Sequence[tuple[Section, Content]], pi
 
 def report_files(context: ReportContext, forms: Sequence[str]) -> Iterator[tuple[str, bytes]]:
     """Tables, figures in some `forms` and the page, which comes last: relative name and content; nothing is written."""
-    parameters = tables.parameter_table(context.estimate, context.robot, context.units)
-    comparison = tables.comparison_table(context.comparison, context.robot)
-    for name, table in (("parameters", parameters), ("comparison", comparison)):
+    for name, table in (
+        ("parameters", tables.parameter_table(context.estimate, context.robot, context.units)),
+        ("comparison", tables.comparison_table(context.comparison, context.robot)),
+    ):
         yield f"tables/{name}.tex", table.latex().encode("utf-8")
         yield f"tables/{name}.md", table.markdown().encode("utf-8")
     yield "tables/parameters.csv", as_csv(parameters_frame(context.estimate, context.units))

@@ -106,8 +106,7 @@ def _pieces(context: ReportContext, part: JointPrediction, model: Model) -> list
     stays = {term.effect.name for term in model.effects if term.effect.is_free}
     is_own = np.array([c.scope is not Scope.LINK or c.owner == bins.joint for c in columns])
     is_own &= [c.shape is None and c.effect not in stays for c in columns]
-    marks = [term.mark for term in model.effects]
-    names = np.array([c.effect + ("" if c.place is None else marks[c.place]) for c in columns])
+    names = np.array([c.effect + ("" if c.place is None else model.effects[c.place].mark) for c in columns])
     parts = [(names, fine - moved), (np.full(len(names), INERTIA), moved)]
     solution = np.append(estimate.solution, np.zeros(len(columns) - len(estimate.solution))) * ~is_own
     pieces = [(k, str(of[k]), at[:, k]) for of, at in parts for k in np.flatnonzero(is_own & at.any(axis=0)).tolist()]
