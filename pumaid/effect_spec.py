@@ -230,8 +230,9 @@ def expanded(choices: Sequence[EffectChoice], robot: Robot, *, option: str = "ef
             # Twice a ripple at a joint is two harmonics, unless they are one.
             if is_same or (twins and not catalogue()[single.effect].is_repeatable):
                 what = f"{option_text(single.effect, single.joint, {})} is in the model already"
-                mend = "give each its own shape" if is_same else "take one of them out"
-                raise ModelError("effect-twice", what, where, mend)
+                raise ModelError(
+                    "effect-twice", what, where, "give each its own shape" if is_same else "take one of them out"
+                )
             out.append(single)
     return tuple(out)
 
@@ -257,8 +258,8 @@ def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectC
         what, mend = f"{robot.name} has no joint {choice.joint}", f"joints count from 1 to {robot.n_joints}"
         raise ModelError("effect-joint", what, where, mend)
     numbers = (0,) if effect.scope is Scope.ARM else joints if choice.joint is None else (choice.joint,)
-    is_named = choice.joint is not None  # what any motion may load; that constant speed does not, the fit says
-    refusals = {number: effect.applies(robot, number, in_motion=is_named) for number in numbers}
+    # A joint that is named is one that any motion may load; that constant speed does not, the fit says.
+    refusals = {number: effect.applies(robot, number, in_motion=choice.joint is not None) for number in numbers}
     if None not in refusals.values():
         what = f"{effect.name} cannot act there: {next(iter(refusals.values()))}"
         raise ModelError("effect-joint", what, where, "leave it out")

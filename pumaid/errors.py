@@ -121,8 +121,7 @@ class Note:
     where: Where = Where()
 
     def __str__(self) -> str:
-        place = f" ({self.where})" if str(self.where) else ""
-        return f"note[{self.slug}]: {self.text}{place}"
+        return f"note[{self.slug}]: {self.text}" + (f" ({self.where})" if str(self.where) else "")
 
     def as_json(self) -> dict[str, object]:
         """As a JSON object: ``{"note": slug, "text": ..., "where": {...}}``."""

@@ -97,8 +97,7 @@ def table(shape: Mapping[str, float], sizes: Floats) -> Floats:
 
 def _is_drawn(shape: Mapping[str, float]) -> Flags:
     """(S + 2,) parameters that draw current: a friction in proportion to speed is viscous friction."""
-    is_viscous = int(shape["of"]) == SPEED and shape["odd"] and not shape["times"]
-    return np.arange(SEGMENTS + 2) >= bool(is_viscous)
+    return np.arange(SEGMENTS + 2) >= bool(int(shape["of"]) == SPEED and shape["odd"] and not shape["times"])
 
 
 def knots_of(shape: Mapping[str, float]) -> tuple[float, ...]:

@@ -139,8 +139,9 @@ def identify(
         number = len(dataset.runs) or len(dataset.rejects)
         what = f"{number} runs, all held out" if dataset.runs else f"{number} stretches left out"
         where = Where(file=dataset.files[0].name if dataset.files else None)
-        mend = "see why with: pumaid segment LOGS --rejects"
-        raise LogError("no-runs", f"there is no run to fit ({what})", where, mend)
+        raise LogError(
+            "no-runs", f"there is no run to fit ({what})", where, "see why with: pumaid segment LOGS --rejects"
+        )
     model, begun = Model.of_runs(robot, runs), first_motions(dataset.runs)
     # The rigid body has an inertia of each joint already.
     choices = tuple(choice for choice in choices if not (model.is_dynamic and choice.effect == "inertia"))

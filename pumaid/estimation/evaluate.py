@@ -405,8 +405,7 @@ def separable(gram: Floats, limit: float) -> list[tuple[int, ...]]:
     """
     open_terms, groups = list(range(len(gram))), []
     for size in range(1, LARGEST_GROUP + 1):
-        ranked = sorted((gram[np.ix_(group, group)].sum(), group) for group in combinations(open_terms, size))
-        for square, group in ranked:
+        for square, group in sorted((gram[np.ix_(k, k)].sum(), k) for k in combinations(open_terms, size)):
             if square <= limit**2 and set(group) <= set(open_terms):
                 groups.append(group)
                 open_terms = [term for term in open_terms if term not in group]

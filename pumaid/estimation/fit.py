@@ -315,8 +315,7 @@ def plausible(peaks: Sequence[tuple[JointBins, float]], span: float) -> float:
     `peaks` are joints and the most (A) that a unit of it draws there, `span` goes from the lowest to the highest value
     that is physical; before any data a parameter is uncertain by a quarter of that.
     """
-    tiny = np.finfo(float).tiny
-    sizes = [max(float(np.sqrt(bins.mean_square)), tiny) / peak for bins, peak in peaks if peak > 0.0]
+    sizes = [max(float(np.sqrt(bins.mean_square)), np.finfo(float).tiny) / peak for bins, peak in peaks if peak > 0.0]
     return min(sizes + [0.25 * span] * math.isfinite(span), default=1.0)
 
 

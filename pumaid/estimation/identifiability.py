@@ -209,8 +209,7 @@ def of_column(
     outer = sorted(name for name in partners if name.startswith(("gravity", "gain_ratio")))
     beyond = [name for name in outer if int(name.split(".")[1].lstrip("l")) > column.owner]
     if lever < LEAST_LEVER or not partners:
-        is_level_somewhere = load_refusal(model.robot, column.owner) is None
-        return reason("upright" if is_level_somewhere else "inertia in sums")
+        return reason("inertia in sums" if load_refusal(model.robot, column.owner) else "upright")
     if beyond and outer_postures(coverage[column.owner]) < 2:
         return reason("one posture", names=listed(beyond, NAMED))
     return (

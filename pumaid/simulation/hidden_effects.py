@@ -62,8 +62,7 @@ class JointState:
 
     def __getattr__(self, quantity: str) -> Floats:
         """(N,) values of any other quantity of the arm at this joint."""
-        column: Floats = getattr(self.arm, quantity)[..., self.joint - 1]
-        return column
+        return np.asarray(getattr(self.arm, quantity)[..., self.joint - 1])
 
     @property
     def time(self) -> Floats:
