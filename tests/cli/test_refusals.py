@@ -52,7 +52,6 @@ MISUSE = {
     "segment logs --picture runs.gif": ".png",
     "report --format gif": "'png', 'svg', 'pdf'",
     f"report {MODEL} logs --json -o -": "standard output",
-    f"report {MODEL} --json -o -": "standard output",
     f"export {MODEL} --format c -o -": "Two files",
     f"export {MODEL} --format json -o - --json": "--json",
     f"export {MODEL} --format c --torque-constants 1,2": "ampere",

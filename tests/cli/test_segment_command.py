@@ -37,15 +37,10 @@ def test_json_is_one_document_with_every_sample(document):
     assert all(len(digest) == 64 for digest in document["logs"].values())
 
 
-def test_table_tells_runs_and_reasons(logs, document):
-    """The table names the joints and ends with what was left out, each stretch by its rows."""
-    result = run("segment", logs, "--units", "deg", "--rejects")
+def test_table_tells_runs_and_reasons(logs, document, tmp_path):
+    """The table names the joints and ends with what was left out, each stretch by its rows; a picture is as it ends."""
+    result = run("segment", logs, "--units", "deg", "--rejects", "--picture", tmp_path / "runs.png")
     first = document["rejects"][0]
     words = [f"{len(document['runs'])} runs at constant speed", "speed (deg/s)", "Not used:", "ramp"]
     assert [word for word in [*words, f"{first['first_row']}–{first['last_row']}"] if word not in result.stdout] == []
-
-
-def test_a_picture_is_written(logs, tmp_path):
-    """Its form follows its ending."""
-    run("segment", logs, "--picture", tmp_path / "runs.png")
     assert (tmp_path / "runs.png").read_bytes().startswith(b"\x89PNG")

@@ -114,14 +114,6 @@ def test_a_recording_in_many_files_is_one_log(arm):
     assert outcome(found, arm, before) == "agrees" and len(found.stderr.splitlines()) < 20
 
 
-def test_results_are_no_logs(arm):
-    """What pumaid wrote, and what hides, is not read as a log."""
-    (arm / "logs" / "results").mkdir()
-    for name in ("results/table.csv", ".hidden.csv", "plan.csv", "notes.txt"):
-        (arm / "logs" / name).write_text("no log", encoding="utf-8")
-    assert judged(arm, {}) == "agrees"
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
 @pytest.mark.parametrize("words", [("history", ""), ("identify", "logs")])
 def test_pipes_among_the_models_are_passed_over(arm, words):

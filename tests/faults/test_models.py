@@ -39,17 +39,12 @@ def test_a_model_of_gigabytes_is_not_read(arm, monkeypatch):
     assert found.exit_code == 3 and unclear(found.stderr) == [] and "more than" in found.stderr
 
 
-def test_diagnose_refuses_a_model_of_other_logs(arm):
-    """What a model lacks is told on the logs that it was fitted to; the message names the log that it was not."""
+def test_logs_that_a_model_never_saw_are_compared_and_not_diagnosed(arm):
+    """What a model lacks is told on its own logs, and another is named; to compare others is what compare is for."""
     assert invoke("identify", str(arm / "logs" / "log_1.csv")).exit_code == 0
     found = invoke("diagnose", str(arm / "results" / "model.json"), str(arm / "logs"))
     assert found.exit_code == 3 and unclear(found.stderr) == [] and "log_2.csv" in found.stderr
     assert "model-other-logs" in found.stderr
-
-
-def test_compare_takes_logs_that_the_model_never_saw(arm):
-    """Comparing on other logs is what compare is for; it says that they are others by their digests."""
-    assert invoke("identify", str(arm / "logs" / "log_1.csv")).exit_code == 0
     found = invoke("compare", str(arm / "results" / "model.json"), str(arm / "logs" / "log_2.csv"))
     assert found.exit_code == 0 and "compared-with-fitted" not in found.stderr
 

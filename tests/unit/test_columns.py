@@ -402,22 +402,16 @@ def test_words_and_letters_of_other_languages(tmp_path: Path, header: str, encod
         "시간,위치1,위치2,전류1,전류2",
         "tempo,posizione_1,posizione_2,corrente_1,corrente_2",
         "Time,[ID:001] Present Position,[ID:002] Present Position,[ID:001] Present Current,[ID:002] Present Current",
+        "time,axis0.pos_estimate,axis1.pos_estimate,axis0.motor.foc.Iq_measured,axis1.motor.foc.Iq_measured",  # ODrive
     ],
 )
 def test_columns_are_known_as_controllers_and_people_name_them(tmp_path: Path, header: str) -> None:
-    """The measured ones, not what was wanted; capitals apart."""
+    """The measured ones, not what was wanted; capitals apart. Positions of ODrive are turns."""
     time, q, current = motion()
-    more = np.zeros((len(time), header.count(",") - 4))
-    (log,) = LogReader(table(tmp_path / "log.csv", header, time, q, current, more), robot())
+    more, unit = np.zeros((len(time), header.count(",") - 4)), 2.0 * np.pi if "pos_estimate" in header else 1.0
+    (log,) = LogReader(table(tmp_path / "log.csv", header, time, q / unit, current, more), robot())
     np.testing.assert_allclose(log.position, q)
     np.testing.assert_allclose(log.current, current)
-
-
-def test_positions_of_odrive_are_turns(tmp_path: Path) -> None:
-    time, q, current = motion()
-    names = ",".join(["time", *(f"axis{k}.{word}" for word in ("pos_estimate", "motor.foc.Iq_measured") for k in "01")])
-    log = read(table(tmp_path / "log.csv", names, time, q / (2.0 * np.pi), current), robot())
-    np.testing.assert_allclose(log.position, q)
 
 
 def test_thousandths_that_names_tell(tmp_path: Path) -> None:
@@ -643,13 +637,6 @@ def test_a_note_on_loads_shows_the_lines_that_state_them(tmp_path: Path) -> None
     (tmp_path / "recipe.yaml").write_text(f"{one}{block}\n")
     constant = next(item for item in pumaid.identify(tmp_path).values if item.name == "torque_constant.j1")
     assert abs(constant.value - 0.9) < 4.0 * constant.std_error < 0.02
-
-
-def test_a_log_of_fewer_joints_than_the_recipe_is_told_as_that(tmp_path: Path) -> None:
-    """Not as columns that are missing."""
-    time, q, current = motion()
-    path = table(tmp_path / "log.csv", "time,pos_1,current_1", time, q[:, 0], current[:, 0])
-    assert refused(path, robot()).what.endswith("log.csv has columns of 1 of the 2 joints of the recipe")
 
 
 def test_an_arm_whose_joints_all_slide_is_read_by_names(tmp_path: Path) -> None:

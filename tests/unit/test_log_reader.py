@@ -372,8 +372,9 @@ def test_only_what_may_be_meant_is_named(tmp_path: Path, header: str, mend: str)
 
 def test_another_number_of_joints_is_told(tmp_path: Path) -> None:
     """A log of a shorter arm is refused with its columns, one of a longer arm is read, with a doubt."""
-    error = refusal(tmp_path / "a.csv", text(motion(20, 2)), arm(3))
-    assert error.slug == "column-missing" and "columns of 2 of the 3 joints of the recipe" in error.what
+    for content, which in ((text(motion(20, 2)), "2 of the 3"), ("time,pos_1,current_1\n0,1,2\n1,1,2\n", "1 of the 3")):
+        error = refusal(tmp_path / "a.csv", content, arm(3))
+        assert error.slug == "column-missing" and f"columns of {which} joints of the recipe" in error.what
     (tmp_path / "a.csv").write_text(text(motion(20, 3)))
     _, reader = read(tmp_path / "a.csv", arm(2))
     assert [note.slug for note in reader.notes] == ["more-joints"] and "q3, i3" in reader.notes[0].text

@@ -13,12 +13,7 @@ from searches import design
 from pumaid.cli.commands.experiments import ATTENTION
 from pumaid.design.candidate_runs import stance, top_speed
 from pumaid.design.plan import check_plan, plan
-from pumaid.diagnosis.discrimination import (
-    Separation,
-    candidates,
-    deciding,
-    runs_ahead,
-)
+from pumaid.diagnosis.discrimination import Separation, candidates, deciding, runs_ahead
 from pumaid.diagnosis.score_test import DECISIVE, evidence, refine_shape, scores_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
@@ -131,16 +126,12 @@ def test_budget_is_kept():
 
 
 def test_too_little_time_is_told():
-    """Half a minute is too short for two joints; the message names the least that is not."""
+    """Half a minute is too short for two joints; the message names the least that is not; less than none is refused."""
     with pytest.raises(ModelError) as caught:
         plan(PENDULUM, minutes=0.5)
     assert caught.value.slug == "plan-too-short"
     least = int(caught.value.mend.split()[2])
     assert plan(PENDULUM, minutes=least).duration <= 60.0 * least
-
-
-def test_no_plan_is_that_short():
-    """A time that no plan may have is refused."""
     with pytest.raises(ModelError, match="-1 minutes are out of range"):
         plan(PENDULUM, minutes=-1.0)
 

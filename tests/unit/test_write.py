@@ -172,17 +172,6 @@ def test_files_folders_and_globs(folder: Path, argument: str, wanted: str) -> No
         assert expand([f"{scheme}://{place}"]) == [f"{scheme}://{path}" for path in paths]
 
 
-def test_circles_of_links_end(folder: Path) -> None:
-    """A link to a folder above is followed once."""
-    (folder / "day 2" / "up").symlink_to("..")
-    assert len(expand([folder])) == 6
-
-
-def test_standard_input_is_itself() -> None:
-    """`-` is kept."""
-    assert expand(["-"]) == [Path("-")]
-
-
 @pytest.mark.parametrize(
     ("argument", "slug", "said"),
     [
