@@ -15,15 +15,7 @@ from worlds import PENDULUM, course, run_of
 from pumaid.dataset import Run, first_motions
 from pumaid.diagnosis.candidates import Spectrum, candidates, minus_log10_p, settling, spectrum
 from pumaid.diagnosis.cross_validation import leave_out, refit_losses, replicate_folds
-from pumaid.diagnosis.score_test import (
-    ScoreTest,
-    refine_shape,
-    rmse,
-    score_at,
-    score_candidates,
-    score_of,
-    scores_at,
-)
+from pumaid.diagnosis.score_test import ScoreTest, refine_shape, rmse, score_at, score_candidates, score_of, scores_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation import gls

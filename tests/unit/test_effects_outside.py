@@ -266,7 +266,6 @@ def test_an_export_is_one_file(added, context, tmp_path):
 
 def test_the_page_names_each():
     """The page walks through each kind, each within a screenful of forty lines but for the effect's table."""
-    text = (Path(__file__).parents[2] / "docs" / "contributing.md").read_text(encoding="utf-8")
-    parts = dict(part.partition("\n")[::2] for part in text.split("\n## ")[1:])
+    parts = dict(part.partition("\n")[::2] for part in PAGE.read_text(encoding="utf-8").split("\n## ")[1:])
     assert {"An effect", "A log format", "A report section", "An export", "The noise of a run"} <= set(parts)
     assert all(len(part.splitlines()) <= 40 for name, part in parts.items() if name != "An effect")

@@ -356,30 +356,17 @@ def test_a_dataset_needs_no_reader(tmp_path):
     assert first[-1] == "pyarrow" and second[-1] == "" and first[:-1] == second[:-1]
 
 
-PUBLIC = [
-    *("Answer", "Arm"),
-    *("Bins", "Budget", "BudgetPart", "Candidate", "Combination", "Comparison", "Curve", "Dataset", "Diagnosis"),
-    "Drawing",
-    *("EffectChoice", "Estimate", "Exported", "Faults", "FileFacts", "Finding", "History", "Identified"),
-    *("Joint", "JointDiagnosis", "JointFit", "JointScore", "Ladder", "Limit", "Log", "LogError", "LogFormat"),
-    *("LogReader", "ModelError", "Motion", "NextRun", "Note", "Plan", "Posture"),
-    *("PumaidError", "RecipeError", "Reject", "ResultError", "Robot", "Run", "RunScore", "Rung", "Samples", "Size"),
-    *(
-        "Trajectory",
-        "Unexplained",
-        "Value",
-        "Where",
-        "catalogue",
-        "compare",
-        "diagnose",
-        "export",
-        "identify",
-        "load",
-        "plan",
-    ),
-    *("read_diagnosis", "read_history", "read_model", "read_recipe", "segment", "simulate"),
-    *("write_diagnosis", "write_model"),
-]
+PUBLIC = re.findall(
+    r"\w+",
+    """
+    Answer Arm Bins Budget BudgetPart Candidate Combination Comparison Curve Dataset Diagnosis Drawing
+    EffectChoice Estimate Exported Faults FileFacts Finding History Identified Joint JointDiagnosis JointFit
+    JointScore Ladder Limit Log LogError LogFormat LogReader ModelError Motion NextRun Note Plan Posture
+    PumaidError RecipeError Reject ResultError Robot Run RunScore Rung Samples Size Trajectory Unexplained Value
+    Where catalogue compare diagnose export identify load plan read_diagnosis read_history read_model
+    read_recipe segment simulate write_diagnosis write_model
+    """,
+)
 
 
 def test_public_names_are_pinned():

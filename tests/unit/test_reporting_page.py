@@ -22,15 +22,7 @@ from pumaid.diagnosis.compare import compare
 from pumaid.diagnosis.records import Size
 from pumaid.estimation.evaluate import predictions, rmse
 from pumaid.reporting.documents import parameters_frame
-from pumaid.reporting.page import (
-    SECTIONS,
-    ReportContext,
-    all_contents,
-    all_figures,
-    page,
-    report_files,
-    what_if,
-)
+from pumaid.reporting.page import SECTIONS, ReportContext, all_contents, all_figures, page, report_files, what_if
 from pumaid.results.history import ladder_of
 from pumaid.robot import EffectChoice
 

@@ -203,20 +203,6 @@ def test_runs_show_short_names_and_units():
     assert run_tables.run_table(Dataset(()), arm).rows == [] and run_tables.rejection_table(Dataset(())).rows == []
 
 
-ARM = Robot(
-    "lift and tip", (Joint(1, "lift", "prismatic", limits=(0.0, 0.5)), Joint(2, "tip", "revolute", alpha=1.5, a=0.3))
-)
-RUNS = (
-    Motion(2, (0.1, 9.0), -1.0, 1.0, 0.5),
-    Motion(2, (0.1, 9.0), 1.0, -1.0, 0.5),
-    Motion(1, (0.0, 0.7), 0.1, 0.4, 0.1, "heldout"),
-    Motion(2, (0.4, 9.0), -1.0, 1.5, 0.25, "heldout"),
-    Motion(2, (0.1, 8.0), -1.0, 1.0, 0.5),
-    Motion(2, (0.1, 9.0), 1.0, -1.0, 0.5),
-)
-PLAN = Plan("lift and tip", RUNS, (Posture(2, (0.1, 9.0), ("gravity.l2.x", "gravity.l2.y"), "why"),))
-
-
 STEERING = "a\x1b[31mred\x07\u202e.csv"
 SHOWN = r"a\x1b[31mred\x07\u202e.csv"
 
