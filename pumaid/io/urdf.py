@@ -244,7 +244,7 @@ class UrdfRecipe:
             gravity=yaml_vector(gravity),
             joints=lines,
             safety=safety_lines(solids, path.resolve().parent, length),
-            floor="0.0" if min(heights[1:], default=0.0) > 0.0 else "null",
+            floor="0.0" if max(heights[1:2], default=0.0) > 0.0 else "null",  # the second joint stands above the base
         )
         for joints, about in (
             (self.left_out, "left out: {}; hold still those that the arm carries, they weigh on it"),
