@@ -318,7 +318,7 @@ def surprise_together(statistics: Sequence[Floats], widths: Sequence[int]) -> Fl
 
 def alike(scores: Floats) -> float:
     """How many runs that tell as much as one another would make scores (R, m) like these: by their fourth moment."""
-    squares = np.sum(scores**2, axis=1)
+    squares = np.sum((scores / (np.abs(scores).max(initial=0.0) or 1.0)) ** 2, axis=1)  # of 1e-99 no square is left
     return float(squares.sum() ** 2 / np.sum(squares**2)) if squares.any() else 0.0
 
 
