@@ -44,7 +44,7 @@ MISUSE = {
         ["identify logs --results=", "identify logs --heldout=", "identify logs -o=", f"report {MODEL} --recipe="],
         "The path is empty",
     ),
-    "efects": "did you mean effects?",
+    "efects": "Did you mean 'effects'?",
     "effects --jsn": "--jsn",
     "effects a b": "argument",
     "identify": "LOGS",
