@@ -16,6 +16,8 @@ from pumaid.robot import placement
 #: Radius of a link without shapes, as a share of the arm's length, and m at least. Shapes of a link beyond which a
 #: single capsule holds all of them; m that no shape of an arm extends, so that its file is in another unit.
 GUESSED, THINNEST, MOST_SHAPES, FARTHEST = 0.06, 0.02, 3, 3.0
+#: Bytes of a file that is read at most.
+LARGEST = 200_000_000
 #: Corners of a cube, points of a sphere and of a cylinder's rims, all of which are 1 m wide and high.
 _CUBE = np.array([*product((-0.5, 0.5), repeat=3)])
 _SPHERE = 0.5 * np.vstack([np.eye(3), -np.eye(3)])
@@ -53,7 +55,7 @@ def capsule_about(points: Floats) -> tuple[Floats, Floats, float]:
     for axis in np.vstack([np.eye(3), np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]]):
         along = (points - middle) @ axis
         away = np.linalg.norm(points - middle - np.outer(along, axis), axis=1)
-        radius = float(np.ceil(1e3 * away.max()) / 1e3)
+        radius = float(np.floor(1e3 * away.max()) + 1.0) / 1e3
         cap = np.sqrt(radius**2 - away**2)
         low, high = float(np.min(along + cap)), float(np.max(along - cap))
         low, high = (low, high) if low < high else (0.5 * (low + high),) * 2  # a sphere holds them
@@ -66,7 +68,8 @@ def _points(shape: ElementTree.Element, folder: Path) -> Floats:
     origin, geometry = shape.find("origin"), [*(shape.find("geometry") or ())]
 
     def numbers(element: ElementTree.Element | None, word: str, default: str) -> Floats:
-        return np.array((default if element is None else element.get(word, default)).split(), dtype=float)
+        text = default if element is None else element.get(word, default)
+        return np.clip(np.array(text.split(), dtype=float), -1e6, 1e6)
 
     try:
         solid = geometry[0]
@@ -88,7 +91,8 @@ def _corners(name: str, folder: Path) -> Floats:
     place = Path(unquote(name.rpartition("://")[2]))
     above = [folder, *folder.parents] if "package:" in name else [folder]
     tried = (around / part for around in above for part in (place, Path(*place.parts[1:])))
-    content = next((file for file in tried if file.is_file()), place).read_bytes()
+    files = [file for file in tried if file.is_file() and file.stat().st_size < LARGEST]
+    content = files[0].read_bytes()
     if len(content) == 84 + _TRIANGLE.itemsize * int.from_bytes(content[80:84], "little"):
         return np.frombuffer(content, _TRIANGLE, offset=84)["corners"].reshape(-1, 3).astype(float)
     return np.array(_CORNER.findall(content), dtype=float).reshape(-1, 3)

@@ -4,7 +4,7 @@ import hashlib
 import math
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -168,11 +168,12 @@ class UrdfFile:
             rigid += [joint.child for joint in self.carried[part] if not joint.moves]
         return moving
 
-    def rigid(self, link: str) -> Iterator[tuple[str, Floats]]:
+    def rigid(self, link: str) -> list[tuple[str, Floats]]:
         """A link and all that is fixed to it, with their frames (4, 4) in its own."""
-        yield link, np.eye(4)
-        for joint in (joint for joint in self.carried[link] if not joint.moves):
-            yield from ((part, joint.frame() @ frame) for part, frame in self.rigid(joint.child))
+        out = [(link, np.eye(4))]
+        for part, frame in out:
+            out += [(joint.child, frame @ joint.frame()) for joint in self.carried[part] if not joint.moves]
+        return out
 
     def path(self, base: str | None, tip: str) -> list[UrdfJoint]:
         """Joints outward from link `base` (the root where not given) to `tip`; [urdf-which-chain] where none lead."""

@@ -186,8 +186,9 @@ def test_capsules_hold_the_points_and_little_more():
 
 
 def test_shapes_that_cannot_be_read_are_guessed(tmp_path):
-    """A mesh that is not there, and a size that is none: the link gets a radius by the arm's length, and is named."""
-    shapes = {"l1": '<collision><geometry><mesh filename="package://arm/l1.stl"/></geometry></collision>'}
+    """A mesh that is no file, and sizes that are none: the link gets a radius by the arm's length, and is named."""
+    shapes = {"l0": '<collision><geometry><box size="inf 1 1"/></geometry></collision>'}
+    shapes["l1"] = '<collision><geometry><mesh filename="/dev/zero"/></geometry></collision>'
     shapes["l2"] = '<collision><geometry><cylinder radius="wide" length="1"/></geometry></collision>'
     shapes["l3"] = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'
     text = serial_text([Stated(xyz=(0.0, 0.0, 0.3))] * 3)
@@ -195,5 +196,5 @@ def test_shapes_that_cannot_be_read_are_guessed(tmp_path):
         text = text.replace(f'<link name="{link}">', f'<link name="{link}">{shape}')
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     safety = UrdfRecipe(tmp_path / "arm.urdf").robot.safety
-    assert [(rod.link, rod.radius) for rod in safety.capsules] == [(3, 0.05)]
+    assert [(rod.link, rod.radius) for rod in safety.capsules] == [(3, 0.051)]
     assert dict(safety.links) == {0: 0.05, 1: 0.05, 2: 0.05}
