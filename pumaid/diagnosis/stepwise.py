@@ -479,13 +479,15 @@ class Stepwise:
 
     def _chance(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, trial: ScoreTest, chances: SignFlips) -> float:
         """Of a candidate among all, by flips of whole runs and, where these are few, of their pieces."""
-        chance = chances.p_value(grid.added.key, grid.surprise(on.scale))
-        if trial.added.effect.scope is not Scope.JOINT:
+        chance, effect = chances.p_value(grid.added.key, grid.surprise(on.scale)), trial.added.effect
+        if effect.scope is not Scope.JOINT:
             return chance  # what several joints feel is as free in pieces of all their runs as gravity is
-        if is_few(on, trial.added.joint):
-            chance = min(1.0, 2.0 * min(chance, chance_of_pieces(on, trial, table.tests)))
-        least = 1.0 / (1 + len(chances.largest))
-        return max(least, chance, chance_of_pieces(on, trial, table.tests, of_motion=True))
+        by_pieces = partial(chance_of_pieces, on, trial, table.tests)
+        if effect.periodic is not None and effect.needs_loads and on.by_bin[trial.added.number].bins.is_block.any():
+            chance = by_pieces()  # flips are of plain waves, which do not weigh where jerks load the joint
+        elif is_few(on, trial.added.joint):
+            chance = min(1.0, 2.0 * min(chance, by_pieces()))
+        return max(1.0 / (1 + len(chances.largest)), chance, by_pieces(of_motion=True))
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""

@@ -70,6 +70,16 @@ def test_nothing_is_missing_where_waves_repeat(name):
     assert diagnosis.findings == () and {joint.verdict for joint in diagnosis.joints} == {"adequate"}
 
 
+def test_no_ripple_of_the_load_where_goals_jerk():
+    """Goals come fifty times a second: what their jerks leave grows with the load, and passed for its ripple."""
+    robot = read_recipe(shipped_recipes()["ur5e"])
+    truth, rng = draw(robot, 94), np.random.default_rng(94)
+    smooth, time = picks(rng, 90.0, reach(robot)), np.arange(90_000)
+    wanted = np.stack([np.interp(time, time[::20], goals[::20]) for goals in smooth.T], axis=1)
+    dataset = segment([recorded(truth, wanted, rng, counts=2e4)], robot)
+    assert diagnose(identify(dataset, robot), dataset, robot).findings == ()
+
+
 def test_a_clock_or_a_zero_that_is_off_is_told():
     """Where inertia, weight and friction contradict each other, a note says so; of the sound log there is none."""
     truth, log = worked("puma560", "picks", 31)
