@@ -487,7 +487,9 @@ class Stepwise:
             chance = by_pieces()  # flips are of plain waves, which do not weigh where jerks load the joint
         elif is_few(on, trial.added.joint):
             chance = min(1.0, 2.0 * min(chance, by_pieces()))
-        return max(1.0 / (1 + len(chances.largest)), chance, by_pieces(of_motion=True))
+        # Of thousands of waves some fit what repeats with the motion; laws with few shapes its parts left out deny.
+        of_motion = 0.0 if effect.periodic is None else by_pieces(of_motion=True)
+        return max(1.0 / (1 + len(chances.largest)), chance, of_motion)
 
     def _denial(self, term: EffectTerm) -> Transfer | None:
         """What runs held out said of an effect if they denied it; of this very shape where a joint may have several."""

@@ -177,9 +177,10 @@ def _refined(fitted: Fit, start: Recursion) -> Fit:
         limit = reach_of(fitted.limit, fitted.prior)
         values, gains = restarted(fitted.system, values, gains, limit=limit, prior=fitted.prior)
         fitted = releveled(replace(fitted, solution=replace(fitted.solution, values=values, gains=gains)))
-    fitted = with_prior(fitted, fitted.noises)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS):  # what ratios show, and so need no prior for, the recursion may not have seen
+        fitted = with_prior(fitted, fitted.noises)
         fitted = releveled(_solved(fitted, fitted.values, fitted.gains))
+    fitted = with_prior(fitted, fitted.noises)
     return _solved(fitted, fitted.values, fitted.gains)
 
 

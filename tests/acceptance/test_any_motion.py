@@ -15,7 +15,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
-from pumaid.simulation import Truth, draw, gravity_load
+from pumaid.simulation import Hidden, Truth, draw, gravity_load
 
 
 @cache
@@ -68,6 +68,16 @@ def test_nothing_is_missing_where_waves_repeat(name):
     (truth, log), estimate = worked(name, "waves", 31), model(name, "waves", 31)
     diagnosis = diagnose(estimate, segment([log], truth.robot), truth.robot)
     assert diagnosis.findings == () and {joint.verdict for joint in diagnosis.joints} == {"adequate"}
+
+
+def test_stribeck_friction_is_named_where_waves_repeat():
+    """It shows in a few slow parts of the motion, which are too few to be tested beside thousands of waves."""
+    robot = read_recipe(shipped_recipes()["panda"])
+    truth = draw(robot, 7711).hiding([Hidden("stribeck", 2, {"a": 0.12, "velocity": 0.15, "exponent": 1.0})])
+    rng = np.random.default_rng(7712)
+    dataset = segment([recorded(truth, waves(rng, 70.0, reach(robot)), rng, counts=2e4)], robot)
+    findings = diagnose(identify(dataset, robot), dataset, robot).findings
+    assert [(finding.effect, finding.joint) for finding in findings] == [("stribeck", 2)]
 
 
 def test_no_ripple_of_the_load_where_goals_jerk():

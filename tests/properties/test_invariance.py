@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from worlds import CRANE, dataset, drawn, experiment
 
@@ -49,6 +49,7 @@ def test_unit_and_sign_of_current(power, sign):
 
 @FEW
 @given(st.sampled_from([1, 2, 3]), st.floats(-3.0, 3.0))
+@example(1, 2.8)  # from the recursion's ratio, which is wrong there, it passed for unknown, and was held at one
 def test_unit_of_one_joints_current(joint, power):
     """One joint's current in another unit scales its own parameters and the ratios it is in."""
     unit = 10.0**power
