@@ -50,6 +50,8 @@ def first_made(time: Floats, position: Floats) -> Floats:
     """(N,) times (s) at which the arm first moved as it does at each of (N,) rising ones, with positions (N, J)."""
     out, size, whole = time.copy(), np.ptp(position, axis=0), round(LASTS / SPACING)
     scaled = (position / np.maximum(size, SAME_POSITION))[:, size > SAME_POSITION]
+    if time[-1] - time[0] <= LASTS or not scaled.size:
+        return out
     at = np.arange(time[0], time[-1] - LASTS, SPACING)
     paths = np.stack([np.interp(at[:, None] + np.linspace(0.0, LASTS, PLACES), time, q) for q in scaled.T], axis=-1)
     spread, paths = paths.var(axis=1).sum(axis=1) * PLACES, paths.reshape(len(at), -1)

@@ -225,6 +225,8 @@ def test_motion_that_is_made_again():
     assert np.mean(np.abs(first_made(time, path) - phase) < 0.06) > 0.93  # it is asked every half second
     other = np.sin(np.outer(time, 1.1 * waves * [1.0, 1.37, 0.71]) + np.array([0.1, 1.0, 2.0]))
     np.testing.assert_array_equal(first_made(time, other), time)
+    np.testing.assert_array_equal(first_made(time, 1e-3 * other), time)  # an arm that hardly moves, and a short one
+    np.testing.assert_array_equal(first_made(time[:9], other[:9]), time[:9])
 
 
 RNG = np.random.default_rng(4)
