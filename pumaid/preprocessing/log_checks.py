@@ -305,7 +305,9 @@ OTHER_CHECKS = (
     Check("units-disagree", _first(lambda j: j.is_measured and j.is_large and not j.is_counted),
           "current of joint {joint}{alike} is {j.largest:.4g} A at most, and no arm's motor draws more than "
           f"{MOST_AMPERES:g} A",
-          "put units: {{current: mA}} (or percent, permille, Nm; raw where nobody knows) into the recipe's log block",
+          "put units: {{current: mA}} (or percent, permille, Nm; raw where nobody knows) into the recipe's log block; "
+          "where only some joints are in it, current: {{column: {j.sums.robot.log.current}, scale: [1, 0.001, ...]}}, "
+          "a factor for each joint",
           column="current", fault=True),
     Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not j.is_large
           and not SMALL <= j.largest <= MOST_AMPERES),
