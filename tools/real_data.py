@@ -181,7 +181,7 @@ def unseen_by_joint(place: Path, effect: str, owner: int, shape: dict[str, float
     What comes and goes within a cell, which no fit to cells explains, is not in it.
     """
     dataset, robot = load_dataset(place / "results" / "dataset.npz")[0], read_recipe(place / "recipe.yaml")
-    fitted = Stepwise(Model.of_runs(robot, dataset.runs), dataset.runs).solved([])
+    fitted = Stepwise(Model.of_runs(robot, dataset.runs), dataset.runs).fits.solved([])
     term = EffectTerm(catalogue()[effect], owner, shape)
     joints = (owner, int(shape["on"]))
     folds = {joint: leave_out(fitted, (term,), replicate_folds(fitted, [joint])) for joint in joints}

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from pumaid.diagnosis.candidates import Candidates, Expansion
+from pumaid.diagnosis.effect_fits import with_noise_beside
 from pumaid.diagnosis.score_test import (
     ScoreTable,
     ScoreTest,
@@ -15,7 +16,6 @@ from pumaid.diagnosis.score_test import (
     is_few,
     score_of,
     sign_flips,
-    with_noise_beside,
 )
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples

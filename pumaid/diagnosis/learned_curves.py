@@ -36,7 +36,7 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     better than these effects alone, and runs left out and runs held out must be predicted better. What is left with all
     effects says which curve is tried, and what is left without them.
     """
-    last, added = search.solved(search.added), list(search.added)
+    last, added = search.fits.solved(search.added), list(search.added)
     there = [item for item in search.accepted if _chiefly(item) == joint]
     if not is_unexplained and len(there) < 2:
         return None
@@ -44,7 +44,7 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     forms = free_form_tests(last, joint)
     last = forms[0].on if forms else last  # what has no name passes for noise where no run is repeated
     noises = last.noises | {joint: last.by_bin[joint].noise}
-    bare, best = search.solved(rest, noises, beside=added), None
+    bare, best = search.fits.solved(rest, noises, beside=added), None
     usual = _gain(bare, last, _terms(there))
     if not is_unexplained and _best(bare, joint)[1] <= usual + DECISIVE:
         return None
@@ -53,10 +53,10 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
         form = EffectTerm(form.effect, joint, form.effect.chosen(form.shape))
         curve, staying = learned(Projector(bare), form)[0], list[EvaluatedCandidate]()
         for item in sorted(there, key=lambda item: -item.evidence):
-            fitted = search.solved([*rest, *_terms(staying), curve], noises, beside=added)
+            fitted = search.fits.solved([*rest, *_terms(staying), curve], noises, beside=added)
             again = score_at(Projector(fitted), item.trial.added)
             staying += [item] if again is not None and evidence(fitted, again) > DECISIVE else []
-        beside = search.solved([*rest, *_terms(staying)], noises, beside=added)
+        beside = search.fits.solved([*rest, *_terms(staying)], noises, beside=added)
         curve, more = learned(Projector(beside), form)
         total = more + _gain(bare, beside, _terms(staying))
         if best is None or total > best[0]:
@@ -64,9 +64,9 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     if best is None or best[0] <= usual + DECISIVE:
         return None
     _, more, curve, staying, before = best
-    after = search.solved([*rest, *_terms(staying), curve])
-    candidate = _judged(before, after, curve, more, unseen=search.heldout())
-    unseen = [bins for bins in search.heldout() if bins.joint == joint]
+    after = search.fits.solved([*rest, *_terms(staying), curve])
+    candidate = _judged(before, after, curve, more, unseen=search.fits.unseen_with(search.added))
+    unseen = [bins for bins in search.fits.unseen_with(search.added) if bins.joint == joint]
     if candidate.fault is not None or (unseen and rmse_of(after, unseen)[0] > rmse_of(last, unseen)[0]):
         return None
     return CurveOffer(candidate, before, tuple(item for item in there if item not in staying))

@@ -15,8 +15,7 @@ from pumaid.diagnosis.cross_validation import FoldLosses
 from pumaid.diagnosis.records import Repeats, Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import USUAL, Scope
-from pumaid.estimation.fit import ABSORBED, Fit, Projector, at_bins, with_loads
-from pumaid.estimation.noise import noise_of
+from pumaid.estimation.fit import ABSORBED, Fit, Projector
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Counts, Floats, by_key, inverse_root, pseudo_inverse
 
@@ -342,19 +341,16 @@ def evidence(on: Fit, trial: ScoreTest) -> float:
     ------
     G. Schwarz, Ann. Stat. 6 (1978) 461-464; the count of clusters for that of observations.
     """
-    runs = [len(row.bins.runs) for row in on.joints]
     remaining = max(on.square - trial.statistic, EXACT * on.square, np.finfo(float).tiny)
     gain = max(on.size - on.rank, 1) * float(np.log(on.square / remaining)) if trial.statistic > 0.0 else 0.0
-    # Parameters that the model absorbs are not counted.
-    return gain - ((np.count_nonzero(trial.sizes) or trial.width) + len(trial.added.shape)) * float(
-        np.log(max(sum(runs) / len(runs), 2.0))
-    )
+    return gain - price(on, trial)
 
 
-def with_noise_beside(solved: Fit, bins: JointBins, term: EffectTerm) -> Fit:
-    """A fit at some bins of a joint, the noise there what is left beside an effect: what it explains is none."""
-    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins))
-    return at_bins(solved, bins, noise_of(bins, misfit - columns @ np.linalg.lstsq(columns, misfit, rcond=None)[0]))
+def price(on: Fit, trial: ScoreTest) -> float:
+    """(Parameters) x log(runs), without parameters that the model absorbs."""
+    runs = [len(row.bins.runs) for row in on.joints]
+    count = (np.count_nonzero(trial.sizes) or trial.width) + len(trial.added.shape)
+    return count * float(np.log(max(sum(runs) / len(runs), 2.0)))
 
 
 def projected(on: Fit, trial: ScoreTest) -> tuple[dict[int, Floats], Floats]:

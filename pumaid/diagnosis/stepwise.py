@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 
 from pumaid.dataset import FirstMotions, Run
-from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, settling, spectrum
+from pumaid.diagnosis.candidates import Key, Spectrum, Together, candidates, spectrum
 from pumaid.diagnosis.cross_validation import (
     FoldLosses,
     confirmed_share,
@@ -19,6 +19,7 @@ from pumaid.diagnosis.cross_validation import (
     replicate_folds,
     without_strongest,
 )
+from pumaid.diagnosis.effect_fits import EffectFits
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
     DECISIVE,
@@ -33,21 +34,19 @@ from pumaid.diagnosis.score_test import (
     evidence,
     is_few,
     misfit_with,
+    price,
     refine_shape,
     rmse,
     score_at,
     score_candidates,
     sign_flips,
     surprise_together,
-    with_noise_beside,
 )
-from pumaid.effect_spec import EffectTerm, marked
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.errors import ModelError
-from pumaid.estimation.fit import Fit, FitRow, Projector, loaded
-from pumaid.estimation.gls import fit_bins, refit
-from pumaid.estimation.noise import NoiseModel, noise_of
-from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
+from pumaid.estimation.fit import Fit, FitRow, Projector
+from pumaid.estimation.noise import noise_of
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
 
@@ -55,8 +54,8 @@ from pumaid.model import Model
 FAR = 0.3
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
 #: Shapes within this share are one where a joint may have an effect several times. Share of a statistic that a law
-#: which is not exact may lack.
-SAME, ALIKE, ALMOST = 0.5, 0.01, 0.9
+#: which is not exact may lack. Share of the chosen effect's statistic from which a less likely effect is refitted.
+SAME, ALIKE, ALMOST, LARGE = 0.5, 0.01, 0.9, 0.75
 #: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew: by Cauchy-Schwarz
 #: no score moves by more than a third of its standard error.
 MOVED = 0.1
@@ -65,9 +64,8 @@ MOVED = 0.1
 MOST_LOOKS, LEADERS, MOST_DENIED = 40, 10, 12
 #: Resolutions of a run within which waves take more than some hundredths of each other.
 NEAR = 10.0
-#: Share of a score that effects of other joints may make, so that all are added at one look. Phase (rad) of a wave over
-#: a bin beyond which the mean over the bin blunts it.
-APART, FASTEST = 0.05, 1.0
+#: Share of a score that effects of other joints may make, so that all are added at one look.
+APART = 0.05
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -111,72 +109,17 @@ class Stepwise:
         ]
         self.periodic = next((x for x in self.effects if x.periodic is not None and not x.needs_loads), None)
         self.loaded_waves = [x for x in self.effects if x.periodic is not None and x.needs_loads]
-        joints, sizes = range(1, model.robot.n_joints + 1), (COARSE, FINE)
-        self._bins, self._unseen = (
-            [joint_bins(model.robot, part, most=n, begun=begun, finest=joints if n == FINE else ()) for n in sizes]
-            for part in (runs, unseen)
-        )
-        self._first, self._settling = fit_bins(model, self._bins[0]), settling(self._bins[0])
-        self._latest: tuple[list[EffectTerm], Fit] | None = None
-        self._like: Fit | None = None
+        self.fits = EffectFits(model, runs, unseen, begun=begun)
         self._examined: list[tuple[EffectTerm, Sequence[Floats]]] = []
         self.given, self.added = list(given), list(given)
         self.steps, self.accepted, self.denied = list[Step](), list[EvaluatedCandidate](), list[EvaluatedCandidate]()
         self.unsteady = list[EffectTerm]()
 
-    def heldout(self) -> tuple[JointBins, ...]:
-        """Bins of runs that are not fitted: the finest of joints that have a periodic effect, else coarse ones."""
-        return _chosen(self._unseen, self.added)
-
-    def solved(
-        self,
-        added: Sequence[EffectTerm],
-        noises: Mapping[int, NoiseModel] | None = None,
-        *,
-        beside: Sequence[EffectTerm] = (),
-    ) -> Fit:
-        """The model with `added`, on the finest bins of joints that have a periodic effect, else on coarse ones.
-
-        Weighted by `noises` by joint, else by the noise that is left with `added`; bins are those of `beside`, too.
-        """
-        if noises is None and self._latest is not None and self._latest[0] == list(added):
-            return self._latest[1]
-        fitted = self._unsized(added, noises, beside)
-        if noises is None or added:
-            sized = [
-                term.searched(self.model.robot).at({}, fitted.sizes(place).tolist())
-                for place, term in enumerate(fitted.model.effects)
-            ]
-            fitted = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
-        fitted = loaded(fitted)
-        if noises is None:
-            self._latest = (list(added), fitted)
-        return fitted
-
-    def _unsized(
-        self,
-        added: Sequence[EffectTerm],
-        noises: Mapping[int, NoiseModel] | None = None,
-        beside: Sequence[EffectTerm] = (),
-    ) -> Fit:
-        """The same without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
-        model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self._bins, [*added, *beside])
-        fitted = refit(
-            self._first,
-            model,
-            bins=bins,
-            noise=noises,
-            like=self._latest[1] if noises and self._latest else self._like,
-        )
-        if noises is None:
-            self._like = fitted
-        return fitted
-
     def run(self) -> Fit:
         """Add until nothing passes, again without what runs held out deny; the final system."""
         while True:
             last = self._climb()
-            bins = self.heldout()
+            bins = self.fits.unseen_with(self.added)
             self.accepted = [
                 replace(item, transfer=confirmed_share(last, item.trial.added, bins)) for item in self.accepted
             ]
@@ -223,13 +166,13 @@ class Stepwise:
         """
         waves = {n: x.shape[x.effect.periodic] for n, x in enumerate(self.added) if x.effect.periodic}
         for place in (n for n in waves if self.added[n].joint in joints):
-            at, step, whole = place - len(self.given), self.steps[-1], self.solved(self.added)
+            at, step, whole = place - len(self.given), self.steps[-1], self.fits.solved(self.added)
             near = NEAR * 2.0 * np.pi / whole.by_bin[self.added[place].number].bins.samples.travel.max()
             at_joint = [n for n in waves if self.added[n].joint == self.added[place].joint and n != place]
             if not any(abs(waves[n] - waves[place]) < near for n in at_joint):
                 continue
             rest = [*self.added[:place], *self.added[place + 1 :]]
-            shown = self.solved(rest, whole.noises, beside=self.added)
+            shown = self.fits.solved(rest, whole.noises, beside=self.added)
             trial = score_at(Projector(shown), self.added[place])
             judged = trial and at >= 0 and self._judged(step.scan, trial, shown, chances=step.family)
             if trial and judged and judged.trial.statistic > trial.statistic + shown.scale:
@@ -280,10 +223,10 @@ class Stepwise:
 
     def _losses(self, joint: int, gone: Sequence[EvaluatedCandidate]) -> FoldLosses:
         """What runs of a joint that are left out say of some that are in the model, all refitted without them."""
-        whole, rest = self.solved(self.added), [*self.added]
+        whole, rest = self.fits.solved(self.added), [*self.added]
         for item in gone:
             rest.remove(item.trial.added)
-        without = self.solved(rest, whole.noises, beside=self.added)
+        without = self.fits.solved(rest, whole.noises, beside=self.added)
         return refit_losses(without, whole, replicate_folds(whole, [joint]))
 
     def look(self, added: Sequence[EffectTerm]) -> Step:
@@ -292,7 +235,7 @@ class Stepwise:
         Were only the arm's leading one out, what another joint lacks would be noise of that joint where repeats differ
         by it.
         """
-        solved = self.solved(added)
+        solved = self.fits.solved(added)
         tried = candidates(solved, self.effects)
         table = score_candidates(solved, tried)
         trials = sorted(table.best().values(), key=lambda trial: evidence(solved, trial))
@@ -301,7 +244,7 @@ class Stepwise:
             leads = {None: leads[None]} if trials[-1].added is leads[None] else {j: leads[j] for j in leads if j}
         if leads:
             terms = list(leads.values())
-            solved = self.solved(added, _noises(self._unsized([*added, *terms])), beside=terms)
+            solved = self.fits.solved(added, self.fits.noises_with([*added, *terms]), beside=terms)
             table = score_candidates(solved, tried)
         table = replace(table, spectra=self._spectra(solved))
         chances = sign_flips(table)
@@ -357,13 +300,12 @@ class Stepwise:
             return out
         terms = [*added, *(item.trial.added for item in leading)]
         try:
-            after = self.solved(terms)
             for place, item in enumerate(leading, start=len(added)):
-                rivals = self._rivals(item, evaluated, after)
+                rivals = self._rivals(item, evaluated, terms, place=place)
                 likeliest = max((item, *rivals), key=lambda candidate: candidate.log_odds)
                 if likeliest is not item:
                     instead = [*terms[:place], likeliest.trial.added, *terms[place + 1 :]]
-                    rivals = self._rivals(likeliest, evaluated, self.solved(instead))
+                    rivals = self._rivals(likeliest, evaluated, instead, place=place)
                 if likeliest.key not in [candidate.key for candidate in out]:
                     out.append(replace(likeliest, p_value=item.p_value, rivals=rivals))
         except ModelError:
@@ -376,7 +318,7 @@ class Stepwise:
         out, effect = [], self.periodic
         if effect is None or effect.periodic is None:
             return ()
-        for bins in (bins for bins in self._bins[1] if effect.applies(self.model.robot, bins.joint) is None):
+        for bins in (bins for bins in self.fits.bins[1] if effect.applies(self.model.robot, bins.joint) is None):
             coarse, misfit, key = solved.by_bin[bins.joint].residual, solved.misfit(bins), (effect.name, bins.joint)
             noise = noise_of(bins, misfit)
             white = noise.whiten(bins, misfit)
@@ -408,7 +350,7 @@ class Stepwise:
             frequency = float(waves.frequency[int(np.argmax(waves.statistic()))])
             for kind in (effect, *self.loaded_waves):
                 term = EffectTerm(kind, waves.key[1], {kind.periodic or "": frequency})
-                on = self._where_it_shows(solved, term)
+                on = self.fits.where_it_shows(solved, term)
                 trial = score_at(Projector(on), term)
                 where = self.model.robot, term.number
                 if trial is not None and kind.applies(*where, in_motion=self.model.is_dynamic) is None:
@@ -416,15 +358,20 @@ class Stepwise:
         return leaders
 
     def _rivals(
-        self, chosen: EvaluatedCandidate, evaluated: Sequence[EvaluatedCandidate], after: Fit
+        self,
+        chosen: EvaluatedCandidate,
+        evaluated: Sequence[EvaluatedCandidate],
+        terms: Sequence[EffectTerm],
+        *,
+        place: int,
     ) -> tuple[EvaluatedCandidate, ...]:
-        """Those which these data cannot tell from `chosen`; all were judged on one fit, `after` has `chosen` in it.
+        """Those which these data cannot tell from `chosen`, which is `terms[place]`; all were judged on one fit.
 
         A rival predicts runs that were left out, has nothing left to explain once `chosen` is in, and is not decisively
         less likely. In one posture load and position change together: how exact either law is decides there, and of
         laws of the other family the likeliest.
         """
-        out = list[tuple[EvaluatedCandidate, bool]]()
+        out, after = list[tuple[EvaluatedCandidate, bool]](), self.fits.solved(terms)
         for other in evaluated:
             is_denied = other.transfer is not None and other.transfer.is_denied
             is_mixed = (
@@ -433,23 +380,37 @@ class Stepwise:
                 and len(chosen.on.by_bin[chosen.key[1] or 0].bins.postures) == 1
                 and other.trial.statistic > ALMOST * chosen.trial.statistic
             )
-            lead = 0.0 if is_mixed else chosen.log_odds - other.log_odds
+            is_far = not is_mixed and chosen.log_odds - other.log_odds > DECISIVE
             is_elsewhere = chosen.after.keys().isdisjoint(other.after)
-            is_worse = lead > DECISIVE or (chosen.predicts and not other.predicts)
-            if other.key == chosen.key or is_elsewhere or is_denied or is_worse:
+            is_large = other.trial.statistic > LARGE * chosen.trial.statistic
+            if other.key == chosen.key or is_elsewhere or is_denied or (is_far and not is_large):
                 continue
-            remaining = score_at(Projector(self._where_it_shows(after, other.trial.added)), other.trial.added)
-            if remaining is None or remaining.statistic <= SAME * other.trial.statistic:
-                out.append((other, is_mixed))
+            remaining = score_at(Projector(self.fits.where_it_shows(after, other.trial.added)), other.trial.added)
+            if remaining is not None and remaining.statistic > SAME * other.trial.statistic:
+                continue
+            rival = replace(other, evidence=self._refitted(other, chosen, terms, place=place)) if is_far else other
+            is_worse = not is_mixed and chosen.log_odds - rival.log_odds > DECISIVE
+            if not is_worse and (rival.predicts or not chosen.predicts):
+                out.append((rival, is_mixed))
         best = max((other.log_odds for other, is_mixed in out if is_mixed), default=0.0)
         return tuple(other for other, is_mixed in out if not is_mixed or best - other.log_odds <= DECISIVE)
 
-    def _where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
-        """A fit with the finest bins of the joint of a fast wave, the noise there beside this; else as it is."""
-        bins = next((fine for coarse, fine in zip(*self._bins, strict=True) if _is_fast(term, coarse)), None)
-        if bins is None:
-            return solved
-        return with_noise_beside(solved, bins, term)
+    def _refitted(
+        self, item: EvaluatedCandidate, chosen: EvaluatedCandidate, terms: Sequence[EffectTerm], *, place: int
+    ) -> float:
+        """Evidence of an effect by a refit with it in place of the `chosen` one, `terms[place]`.
+
+        Scores follow gain ratios to the first order only: what bends these much shows less than it is. By its score
+        where either is felt by several joints, whose refits take long.
+        """
+        if any(x.trial.added.effect.scope is not Scope.JOINT for x in (item, chosen)):
+            return item.evidence
+        whole = self.fits.solved(terms)
+        instead = self.fits.solved([*terms[:place], item.trial.added, *terms[place + 1 :]], whole.noises, beside=terms)
+        if instead.size != whole.size:
+            return item.evidence
+        gain = max(whole.size - whole.rank, 1) * float(np.log(whole.square / instead.square))
+        return chosen.evidence + gain + price(chosen.on, chosen.trial) - price(item.on, item.trial)
 
     def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate | None:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined.
@@ -502,16 +463,16 @@ class Stepwise:
         """
         chances, latest = self.steps[-1].family, self.added[len(self.added) - new :]
         for current in self.added[len(self.given) :]:
-            place, whole = self.added.index(current), self.solved(self.added)
+            place, whole = self.added.index(current), self.fits.solved(self.added)
             rows = [row for row in whole.joints if current.touches(row.bins.joint)]
             before = next((misfits for term, misfits in self._examined if term is current), ())
             if before and all(map(_is_unmoved, rows, before)):
                 continue
             self._examined.insert(0, (current, [row.misfit for row in rows]))
-            if current in latest:
+            if current in latest and new == 1:
                 continue
-            solved = self.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises)
-            shown = self._where_it_shows(solved, current)
+            solved = self.fits.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises)
+            shown = self.fits.where_it_shows(solved, current)
             again = score_at(Projector(shown), current)
             scan = self.steps[-1].scan
             if again is None or self._chance(scan, again, shown, trial=again, chances=chances) > LEVEL:
@@ -524,7 +485,10 @@ class Stepwise:
             top = max(allowed, key=lambda trial: evidence(solved, trial), default=again)
             if evidence(solved, top) > evidence(solved, again) + DECISIVE:
                 better = self._judged(table, top, solved, chances=chances)
-                if better is not None and better.fault is None:
+                at = replace(self.accepted[place - len(self.given)], evidence=evidence(solved, again))
+                if better is None or better.fault is not None:
+                    continue
+                if self._refitted(better, at, self.added, place=place) > at.evidence + DECISIVE:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
 
 
@@ -551,23 +515,6 @@ def _is_near(table: ScoreTable, key: Key, surprise: float, chances: SignFlips) -
 def _is_unmoved(row: FitRow, before: Floats) -> bool:
     """Whether a joint's fit leaves what it left `before` (A) but for a square below `MOVED` once whitened."""
     return len(row.misfit) == len(before) and bool(np.sum(row.noise.whiten(row.bins, row.misfit - before) ** 2) < MOVED)
-
-
-def _noises(fitted: Fit) -> dict[int, NoiseModel]:
-    """By joint, what a fit leaves."""
-    return {row.joint: noise_of(row.bins, fitted.misfit(row.bins, row.design)) for row in fitted.rows}
-
-
-def _chosen(bins: Sequence[Sequence[JointBins]], added: Sequence[EffectTerm]) -> tuple[JointBins, ...]:
-    """Of coarse and finest bins the finest of joints that have an effect which coarse ones blunt, else coarse ones."""
-    return tuple(b if any(_is_fast(term, a) for term in added) else a for a, b in zip(*bins, strict=True))
-
-
-def _is_fast(term: EffectTerm, bins: JointBins) -> bool:
-    """Whether an effect is periodic in the position of a joint, and too fast for its bins."""
-    if term.effect.periodic is None or term.joint != bins.joint:
-        return False
-    return bins.way * term.shape[term.effect.periodic] > FASTEST
 
 
 def _apart(evaluated: Sequence[EvaluatedCandidate]) -> list[EvaluatedCandidate]:

@@ -255,6 +255,24 @@ def with_errors(fitted: Fit) -> Fit:
     return _linearised(replace(fitted, prior=np.append(weights, fitted.prior[len(weights) :])), _through_loads(fitted))
 
 
+def with_settled_loads(fitted: Fit) -> Fit:
+    """With effects of the load that have the loads which the fit leaves, and move with what makes these."""
+    settled = _with_settled_loads(fitted)
+    through = _through_loads(settled)
+    out = _linearised(settled, through)
+    rows = {joint: out.by_bin[joint] for joint in through}
+    return out.with_rows(
+        {
+            joint: replace(
+                row,
+                bare=row.bare + through[joint],
+                jacobian=row.jacobian + row.noise.whiten(row.bins, through[joint]),
+            )
+            for joint, row in rows.items()
+        }
+    )
+
+
 def _with_settled_loads(fitted: Fit) -> Fit:
     """By Gauss and Newton's steps in which effects of the load move with what makes it, until nothing drawn moves.
 

@@ -136,10 +136,10 @@ def look(lab: Lab, seed: int, added: EffectTerm | None = None, size: float = 0.0
     """One look at an experiment in which an effect of joint 1 draws `size` times its first column more."""
     search = Stepwise(lab.model, lab.noisy(seed, DIN))
     if added is not None:
-        (field,) = search._bins[0]
+        (field,) = search.fits.bins[0]
         loads = lab.fitted(lab.runs).by_bin[1].bins.samples.loads
         column = added.linear(lab.model.robot, replace(field.samples, loads=loads))[:, 0]
-        search._bins = 2 * [(replace(field, current=field.current + size * column),)]
+        search.fits.bins = 2 * [(replace(field, current=field.current + size * column),)]
     return search.look([])
 
 

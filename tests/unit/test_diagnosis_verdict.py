@@ -523,10 +523,9 @@ def test_of_laws_of_the_load_the_likeliest_are_rivals_of_the_position():
     )
     term = EffectTerm(catalogue()["position_friction"], 1, {"harmonic": 2.0})
     leading = replace(load, trial=replace(load.trial, added=term, statistic=square.trial.statistic))
-    after = search.solved([load.trial.added])
     for less, names in ((5.0, ["load_friction", "load_friction_square"]), (15.0, ["load_friction"])):
         other = replace(square, evidence=load.log_odds - square.log_odds + square.evidence - less)
-        rivals = search._rivals(leading, [load, other], after)
+        rivals = search._rivals(leading, [load, other], [load.trial.added], place=0)
         assert [item.key[0] for item in rivals] == names
 
 
