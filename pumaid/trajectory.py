@@ -176,7 +176,7 @@ class Trapezoid:
     `peak`, less on a short way. `motion` is the run of the plan, None for a move between postures, `number` that of the
     run, from 1, or of the run to which a move leads. In s: the `ramp` in which the speed rises, and in which it falls,
     the `duration` without rests, the rest before it, `lead`, all together, `seconds`; and from the start `cruise`,
-    between which the speed is kept, the same instant twice where it never is.
+    between which the speed is kept, the same instant twice where it never is. `places` (5, J) are positions on its way.
     """
 
     def __init__(
@@ -189,6 +189,7 @@ class Trapezoid:
         self.duration = self.ramp + self.way / self.peak if self.way > 0 else 0.0
         self.lead = 0.0 if motion is None else REST
         self.seconds = self.lead + self.duration + REST
+        self.places = np.linspace(start, end, 5)
         first, last = self.ramp + SETTLING, self.duration - self.ramp - SETTLING
         self.cruise = (first, last) if last > first else (0.5 * self.duration,) * 2
 
@@ -201,11 +202,6 @@ class Trapezoid:
         direction = (self.end - self.start) / (self.way or 1.0)
         speed = self.acceleration * (rising - falling)
         return self.start + gone[:, None] * direction, speed[:, None] * direction
-
-    @property
-    def places(self) -> Floats:
-        """(5, J) positions on its way."""
-        return np.linspace(self.start, self.end, 5)
 
 
 class TrajectoryPart:

@@ -219,7 +219,10 @@ def _shapes(robot: Robot, safety: Safety) -> Iterator[tuple[Geometry, dict[str, 
         where = {"type": kinds.mjGEOM_CAPSULE, "fromto": [*rod.start, *rod.end]}
         if np.allclose(rod.start, rod.end, rtol=0.0, atol=_POINT):
             where = {"pos": rod.start}
-        yield Geometry(_link(rod.link), rod.link, extent), {**where, "size": [rod.radius, 0, 0]}
+        yield (
+            Geometry(f"link {rod.link}" if rod.link else "the base", rod.link, extent),
+            {**where, "size": [rod.radius, 0, 0]},
+        )
     for box in safety.boxes:
         low, high = np.array(box.low), np.array(box.high)
         size = {"type": kinds.mjGEOM_BOX, "pos": (low + high) / 2, "size": (high - low) / 2}
@@ -246,7 +249,3 @@ def link_capsules(robot: Robot, safety: Safety) -> Iterator[Capsule]:
         else:
             yield Capsule(link, origin, corner, radius)
             yield Capsule(link, corner, (x, y, z), radius)
-
-
-def _link(number: int) -> str:
-    return f"link {number}" if number else "the base"

@@ -14,7 +14,7 @@ from pumaid.maths import Floats, inverse_root, pseudo_inverse
 #: Share of a parameter's information that runs must keep for it to be fitted to them. Most of a joint's runs that
 #: leave together: with all runs of one direction gone, the others could not even tell friction from weight.
 KEPT, MOST_LEAVING = 0.01, 1.0 / 3.0
-#: Standard errors by which the error of runs left out must fall.
+#: Standard errors by which the error of runs left out must fall, on average.
 STEADY = 1.0
 
 
@@ -30,15 +30,10 @@ class FoldLosses:
     after: float
 
     @property
-    def steadiness(self) -> float:
-        """Mean fall in its own standard errors."""
-        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls)) if len(self.falls) > 1 else 0.0
-        return float(self.falls.mean()) / error if error > 0 else 0.0
-
-    @property
     def predicts(self) -> bool:
-        """Whether the error falls, steadily."""
-        return self.falls.sum() > 0.0 and self.steadiness > STEADY
+        """Whether the error falls, steadily: by more than `STEADY` of its own standard errors."""
+        error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls)) if len(self.falls) > 1 else 0.0
+        return bool(error > 0.0 and self.falls.mean() > STEADY * error)
 
 
 def without_strongest(losses: FoldLosses, folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:

@@ -133,13 +133,6 @@ def from_file(path: Path, *, taken: Mapping[str, Effect]) -> Effect:
     try:
         spec.loader.exec_module(module)
         effect = effect_in(module)
-        if hasattr(effect, "sign"):
-            raise ModelError(
-                "effect-contract",
-                f"{effect.name}: a sign is stated of the class, where it is not read; parameters have signs",
-                where,
-                "write Parameter(..., sign=1)",
-            )
         fault = breach(effect, names={*taken, effect.name})
     except (KeyboardInterrupt, MemoryError, PumaidError):
         raise

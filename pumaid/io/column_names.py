@@ -1,6 +1,5 @@
 """What the names of a log's columns say, and a recipe's `log` block as text."""
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -8,6 +7,7 @@ from dataclasses import fields, replace
 from itertools import product
 from typing import Any, cast
 
+from pumaid.io.forms import yaml_line
 from pumaid.robot import QUANTITIES, Conversion, LogFormat, Robot
 from pumaid.units import UNITS
 
@@ -91,13 +91,7 @@ def log_block(log: LogFormat) -> str:
     plain |= {"prismatic_position": turning if turning in ("m", "mm") else "m", "prismatic_velocity": f"{sliding}/s"}
     units = {key: word for key, word in log.units.items() if word != plain[key]}
     out |= {key: part for key, part in {"units": units, "signs": dict(log.signs)}.items() if part}
-    return "\n".join(["log:", *(f"  {key}: {_yaml(value)}" for key, value in out.items())])
-
-
-def paste_block(header: Sequence[str], robot: Robot) -> str | None:
-    """A recipe's `log` block that reads this header, or none if time, positions or currents are not recognised."""
-    log, _ = guessed(header, robot)
-    return log_block(log) if log else None
+    return "\n".join(["log:", *(f"  {key}: {yaml_line(value)}" for key, value in out.items())])
 
 
 def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool]:
@@ -164,16 +158,6 @@ def unit_in(name: str, quantity: str) -> str:
     """The unit of a quantity that a name tells, if any."""
     units = _UNIT_WORDS.get(quantity, {}).items()
     return next((unit for unit, words in units if re.search(rf"(?<![^\W\d_])({words})(?![^\W\d_])", _bare(name))), "")
-
-
-def _yaml(value: object) -> str:
-    """A value in a line of YAML, mappings of words to it in braces; numbers to ten digits."""
-    if isinstance(value, dict):
-        is_bare = {key: key == "encoding" or str(part) in UNITS for key, part in value.items()}
-        return f"{{{', '.join(f'{key}: {part if is_bare[key] else _yaml(part)}' for key, part in value.items())}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_yaml, value))}]"
-    return f"{value:.10g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
 def has_foreign_words(text: str) -> bool:

@@ -21,6 +21,8 @@ from pumaid.errors import Faults, PumaidError, RecipeError, Where, meant
 
 #: Most bytes of a recipe.
 MAX_BYTES = 200_000
+#: Significant digits of numbers on a line: whole degrees stay whole.
+DIGITS = 10
 #: Most faults of one file that are listed; the others are counted.
 MOST_FAULTS = 20
 #: A value as a message shows it: two levels of what aliases may expand without end.
@@ -82,6 +84,17 @@ def yaml_text(text: str) -> str:
     is_plain = re.fullmatch(r"[A-Za-z][\w./()-]*(?: [\w./()-]+)*", text, re.ASCII) is not None
     words = {"true", "false", "yes", "no", "on", "off", "null", "y", "n"}
     return text if is_plain and text.lower() not in words else json.dumps(text, ensure_ascii=False)
+
+
+def yaml_line(value: Any) -> str:
+    """A value in YAML's flow style, numbers to `DIGITS`."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {yaml_line(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(yaml_line, value)) + "]"
+    if value is None:
+        return "null"
+    return yaml_text(value) if isinstance(value, str) else f"{value + 0.0:.{DIGITS}g}"  # never -0
 
 
 def yaml_number(value: float, decimals: int = 12) -> str:

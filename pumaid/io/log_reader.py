@@ -17,7 +17,7 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import EPISODE, guessed, is_wanted, log_block, paste_block, spelt, stated_unit, unit_in
+from pumaid.io.column_names import EPISODE, guessed, is_wanted, log_block, spelt, stated_unit, unit_in
 from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
@@ -565,11 +565,12 @@ def _faults(
 
 
 def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
-    block = paste_block(header, robot)
+    naming, _ = guessed(header, robot)
     topics = dict.fromkeys(
         column.rsplit("/", 2)[0] for column in header if column[:1] == "/" and column.endswith("/position")
     )
-    if block:
+    if naming:
+        block = log_block(naming)
         more = f" (joint states are there of {listed([*topics])}; log: {{topic: NAME}} says which)"
         more *= len(topics) > 1
         more += " (some hold what was wanted: of these the model is the controller's, not the arm's)" * is_wanted(block)

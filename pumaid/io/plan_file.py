@@ -27,8 +27,8 @@ from pumaid.io.forms import (
     parsed_yaml,
     read_bytes,
     validated,
+    yaml_line,
     yaml_number,
-    yaml_text,
     yaml_vector,
 )
 from pumaid.maths import Floats
@@ -40,8 +40,6 @@ from pumaid.units import factor, number
 PLAN_NAME = "plan.yaml"
 #: Most bytes of a plan: some forty thousand runs.
 _MAX_BYTES = 5_000_000
-#: Significant digits of positions and speeds; whole degrees stay whole.
-_DIGITS = 10
 #: Share of its range by which a limit may be passed: round-off.
 _ROUNDING = 1e-6
 #: What a plan promises and says of itself, which is not read back.
@@ -323,13 +321,13 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
             time, *states = plan.trajectory.knots()
             rows = [
                 ["time_s", *head],
-                *(map(_flow, row) for row in np.column_stack([time, np.hstack(states) / scales])),
+                *(map(yaml_line, row) for row in np.column_stack([time, np.hstack(states) / scales])),
             ]
         else:
             holds = [f"hold{number}_{unit}" for number, unit in enumerate(units, start=1)]
             rows = [["run", "joint", *holds, "from", "to", "velocity", "unit", "purpose"]]
             for count, run in enumerate(entries["runs"], start=1):
-                numbers = map(_flow, (*run["hold"], run["from"], run["to"], run["velocity"]))
+                numbers = map(yaml_line, (*run["hold"], run["from"], run["to"], run["velocity"]))
                 rows.append([str(count), str(run["joint"]), *numbers, units[run["joint"] - 1], run["purpose"]])
         return "".join(",".join(row) + "\n" for row in rows)
     entries |= {
@@ -344,10 +342,10 @@ def plan_text(plan: Plan, robot: Robot, *, format: str = "yaml") -> str:
 def _block(key: str, value: Any, indent: str = "") -> list[str]:
     """Lines of a key with its value: lists and mappings have a line an entry; nothing of what is empty."""
     if isinstance(value, list) and value and isinstance(value[0], dict | str):
-        return [f"{indent}{key}:", *(f"{indent}  - {_flow(entry)}" for entry in value)]
+        return [f"{indent}{key}:", *(f"{indent}  - {yaml_line(entry)}" for entry in value)]
     if isinstance(value, dict) and value and key != "units":
         return [f"{indent}{key}:", *(line for item in value.items() for line in _block(*item, indent=f"{indent}  "))]
-    return [] if value in (None, [], {}, "") else [f"{indent}{key}: {_flow(value)}"]
+    return [] if value in (None, [], {}, "") else [f"{indent}{key}: {yaml_line(value)}"]
 
 
 def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, Any]:
@@ -387,15 +385,6 @@ def _trajectory_document(made: Trajectory, scales: list[float]) -> dict[str, Any
     parts = [(np.array(getattr(made, key)) / scales).tolist() for key in _STATES]
     knots = [dict(zip(("time", *_STATES), row, strict=True)) for row in zip(made.time.tolist(), *parts, strict=True)]
     return {"kind": made.kind, "repeats": made.repeats, "knots": knots}
-
-
-def _flow(value: Any) -> str:
-    """A value in YAML's flow style."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    return yaml_text(value) if isinstance(value, str) else f"{value + 0.0:.{_DIGITS}g}"  # never -0
 
 
 def urscript(plan: Plan, robot: Robot) -> str:

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from pumaid.dataset import Log
-from pumaid.errors import ModelError, ResultError, Where
+from pumaid.errors import ResultError, Where
 from pumaid.io.log_reader import factor_of
 from pumaid.io.paths import is_log
 from pumaid.robot import QUANTITIES, Joint, Robot
@@ -203,22 +203,8 @@ def write_session(
 
 
 def read_truth(path: Path) -> dict[str, Any]:
-    """The document of a ``truth.json``.
-
-    Raises
-    ------
-    ModelError [file-not-readable]
-        There is no such file, or it is no JSON object.
-    """
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise ModelError(
-            "file-not-readable",
-            f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it holds no JSON object'}",
-            Where(str(path)),
-            "give a truth.json",
-        ) from error
+    """The document of a ``truth.json``."""
+    return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _replaced(folder: Path, force: bool) -> list[Path]:
@@ -230,7 +216,7 @@ def _replaced(folder: Path, force: bool) -> list[Path]:
         There are others, or these may not be replaced.
     """
     truth, is_simulated = folder / TRUTH_NAME, False
-    with suppress(ModelError):
+    with suppress(OSError, ValueError, TypeError):  # there is none, or it is no JSON object
         is_simulated = read_truth(truth).get("kind") == "truth"
     there = [path for path in sorted(folder.rglob("*")) if is_log(str(path.relative_to(folder))) or path == truth]
     ours = {path for path in folder.glob("session_*") if _SIMULATED.fullmatch(path.name)} | {truth}

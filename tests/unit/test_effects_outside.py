@@ -124,7 +124,6 @@ def test_no_effect_in_the_file(written, tmp_path, name, text, slug, word):
         ("return samples.position[:", "samples.position[0] = 0\n        return samples.position[:", "read-only"),
         ("return samples.pos", "return samples.loads.moving[:, None] * samples.pos", "needs_loads = True"),
         ("    def parameters", '    look_alikes = ("nobody",)\n    def parameters', "nobody"),
-        ("    def parameters", "    sign = (1,)\n    def parameters", "write Parameter(..., sign=1)"),
         ("    def parameters", "    base = True\n    def parameters", "base"),
         ("    def parameters", "    def grid(self, robot, extent):\n        return ()\n    def parameters", "grid"),
     ],

@@ -19,8 +19,9 @@ from ruamel.yaml import YAML
 
 from pumaid.dataset import Log
 from pumaid.errors import LogError
+from pumaid.io.column_names import guessed, log_block
 from pumaid.io.formats import csv_text, floats
-from pumaid.io.log_reader import LogReader, paste_block
+from pumaid.io.log_reader import LogReader
 from pumaid.io.write import write_log
 from pumaid.robot import Joint, LogFormat, Robot
 
@@ -350,7 +351,7 @@ def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
     """Columns of a known pattern come back as the recipe's `log` block, and the block reads the file."""
     content = "timestamp,target_q_0,actual_q_0,actual_q_1,actual_current_0,actual_current_1,actual_qd_0,actual_qd_1\n"
     error = refusal(tmp_path / "a.csv", content + "0,9,1,2,3,4,5,6\n", arm(2, current="i_{joint}"))
-    for line in ('time: "timestamp"', 'position: "actual_q_{joint0}"', 'current: "actual_current_{joint0}"'):
+    for line in ("time: timestamp", 'position: "actual_q_{joint0}"', 'current: "actual_current_{joint0}"'):
         assert line in error.mend
     robot = arm(2, time="timestamp", position="actual_q_{joint0}", current="actual_current_{joint0}", velocity=None)
     assert read(tmp_path / "a.csv", robot)[0].position.tolist() == [[1.0, 2.0]]
@@ -480,8 +481,8 @@ def test_known_headers_are_recognised(kind: str) -> None:
     header, names = HEADERS[kind]
     expected = dict(zip(("time", "position", "velocity", "current", "temperature"), names, strict=False))
     expected |= {"units": UNITS} if kind == "units in names" else {}
-    block = paste_block([names[0], *header], arm(6))
-    assert block is not None and YAML(typ="safe").load(block) == {"log": expected}
+    log, _ = guessed([names[0], *header], arm(6))
+    assert log is not None and YAML(typ="safe").load(log_block(log)) == {"log": expected}
 
 
 def test_columns_by_joint_names() -> None:
@@ -489,13 +490,13 @@ def test_columns_by_joint_names() -> None:
     names = ("waist", "shoulder")
     header = ["t", *(f"{name}_{quantity}" for quantity in ("pos", "vel", "cur") for name in names)]
     robot = Robot("arm", tuple(Joint(k, name, "revolute") for k, name in enumerate(names, start=1)))
-    block = paste_block(header, robot)
-    assert block is not None
-    form = LogFormat(**YAML(typ="safe").load(block)["log"], names=names)
+    log, _ = guessed(header, robot)
+    assert log is not None
+    form = LogFormat(**YAML(typ="safe").load(log_block(log))["log"], names=names)
     assert [form.column("position", k) for k in (1, 2)] == ["waist_pos", "shoulder_pos"]
 
 
 @pytest.mark.parametrize("header", [["a", "b"], ["t", "q1", "q2", "x"], ["q1", "q2", "i1", "i2"]])
 def test_what_is_not_recognised_is_not_guessed(header: list[str]) -> None:
     """Without time, positions and currents of all joints there is no block."""
-    assert paste_block(header, arm(2)) is None
+    assert guessed(header, arm(2)) == (None, False)
