@@ -303,8 +303,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
     """(N, p) the model's design at bins of one joint, effects of the load by the fit `before`."""
     loads = None
     if any(term.needs_loads and term.touches(bins.joint) for term in model.effects):
-        if before is None:
-            raise ValueError("effects of the load wait for a fit")
+        assert before is not None, "effects of the load wait for a fit"
         loads = with_loads(before, bins, at_nodes=True).loads
     return model.design(bins, loads)
 

@@ -19,6 +19,8 @@ CURRENT, FOLDER = "model.json", "models"
 #: Longest part of a file's name that lists effects.
 _LONGEST = 80
 _NAME = re.compile(r"(\d+)-.*\.json")
+#: Of each part of a rung's key what models are that have another one.
+_APART = ("of another recipe", "fitted to other logs", "fitted to other runs (others were held out)")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -225,14 +227,9 @@ def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
 
 
 def _ladder(group: Sequence[Rung], main: Rung) -> Ladder:
-    last, apart = group[-1].estimate, ""
-    current_logs, logs = set(main.estimate.logs.values()), set(last.logs.values())
-    if last.geometry != main.estimate.geometry:
-        apart = f"of another recipe ({last.origin or 'in memory'}, SHA-256 {last.recipe_digest[:12]})"
-    elif current_logs != logs:
-        apart = f"fitted to other logs ({len(logs)}, of which the current model has {len(current_logs & logs)})"
-    elif group[-1].key != main.key:
-        apart = "fitted to other runs of the same logs (others were held out)"
+    last = group[-1].estimate
+    parts = zip(_APART, group[-1].key, main.key, strict=True)
+    apart = next((name for name, part, other in parts if part != other), "")
     return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(group), apart)
 
 

@@ -95,7 +95,7 @@ def test_whole_arm_weighs_samples(path):
     ("changes", "why"),
     [
         ({"geometry": replace(ARM, gravity=(0.0, 0.0, 9.8)).geometry}, "another recipe"),
-        ({"logs": {"a.csv": "cd" * 32, "b.csv": "ef" * 32}}, "other logs (1, of which the current model has 1)"),
+        ({"logs": {"a.csv": "cd" * 32, "b.csv": "ef" * 32}}, "fitted to other logs"),
         ({"samples": 210}, "other runs"),
     ],
 )
