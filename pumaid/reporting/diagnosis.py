@@ -35,11 +35,10 @@ from pumaid.reporting.text import (
     listed,
     percent,
     plural,
-    posture_text,
     with_error,
 )
 from pumaid.robot import Robot
-from pumaid.units import deviations, number
+from pumaid.units import number
 
 #: Phase (rad per rad or m) of the fastest ripple that runs should show: two waves a turn of a motor at 1:160.
 FASTEST = 320.0
@@ -402,30 +401,6 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Ta
     )
 
 
-def deciding_runs_table(finding: Finding, robot: Robot, units: str = "rad") -> Table | None:
-    """The runs that would decide between a finding and its rivals; None where no run would."""
-    run = finding.next_run
-    if run is None or not run.motions:
-        return None
-    rows = []
-    for count, motion in enumerate(run.motions, start=1):
-        scale, unit = in_unit(robot.joint(motion.joint).position_unit, units)
-        start, end, speed = (f"{number(scale * x, 3)} {unit}" for x in (motion.start, motion.end, motion.velocity))
-        posture = posture_text(robot, motion.hold, units, moving=motion.joint)
-        rows.append([str(count), joint_label(robot, motion.joint), start, end, f"{speed}/s", posture])
-    caption = ""
-    if run.separation is not None:
-        repeated = f"; run {plural(run.repeats, 'time')}, they decide with a probability of 90 %" if run.repeats else ""
-        caption = f"Run once, they separate the rivals by {deviations(run.separation)} standard deviations{repeated}."
-    return Table(
-        f"Runs that separate {listed([label(name) for name in (finding.effect, *finding.rivals)], 'and')}",
-        ("run", "joint", "from", "to", "speed", "other joints at"),
-        rows,
-        caption=caption,
-        words=(0, 1, 5),
-    )
-
-
 # Both
 
 
@@ -460,11 +435,7 @@ def diagnosis_blocks(
     blocks.append((None, [Paragraph(text) for text in other_sentences(diagnosis, robot)]))
     limits = [Paragraph(f"- {text}", 2) for text in weaknesses(diagnosis, robot)]
     blocks.append((None, [Paragraph("Limits of this diagnosis:"), *limits] if limits else []))
-    made = (
-        candidate_table(diagnosis, robot),
-        *(deciding_runs_table(finding, robot, units) for finding in diagnosis.findings),
-        limit_table(diagnosis, robot, units=units),
-    )
+    made = candidate_table(diagnosis, robot), limit_table(diagnosis, robot, units=units)
     blocks += [(None, [table]) for table in made if table is not None]
     return [block for block in blocks if block[1]]
 

@@ -64,7 +64,7 @@ def simulate(
     Raises
     ------
     ModelError [plan-misfit], [rate-impossible]
-        The plan is for another number of joints or has a speed that is none; the rate is none.
+        The plan is for another number of joints; the rate is none.
     ModelError [simulation-diverged]
         While the logs are read: the controller does not hold this arm.
     """
@@ -74,19 +74,10 @@ def simulate(
             f"a log cannot have {rate:g} samples a second",
             mend=f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz",
         )
-    n, mend = robot.n_joints, "take a plan made for this robot: pumaid plan"
-    for number, motion in enumerate(plan.motions, start=1):
-        if len(motion.hold) != n or not 1 <= motion.joint <= n or not 0.0 < motion.velocity < math.inf:
-            of = f"joint {motion.joint} of {len(motion.hold)} at the speed {motion.velocity:g}"
-            raise ModelError(
-                "plan-misfit",
-                f"run {number} of the plan moves {of}; {robot.name} has {n} joints, and speeds are positive",
-                Where(field=f"runs[{number}]"),
-                mend,
-            )
-    if plan.trajectory is not None and plan.trajectory.position.shape[1] != n:
-        what = f"the plan's trajectory moves {plan.trajectory.position.shape[1]} joints; {robot.name} has {n}"
-        raise ModelError("plan-misfit", what, Where(field="trajectory"), mend)
+    held = [motion.hold for motion in plan.motions] if plan.trajectory is None else plan.trajectory.position
+    if any(len(posture) != robot.n_joints for posture in held):
+        what = f"the plan is for {len(held[0])} joints; {robot.name} has {robot.n_joints}"
+        raise ModelError("plan-misfit", what, mend="take a plan made for this robot: pumaid plan")
     truth = draw(robot, seed) if truth is None else truth
     return _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature).logs(
         runs_per_file, has_velocity=has_velocity

@@ -200,7 +200,7 @@ def test_a_diagnosis_has_evidence_figures_and_command(html):
     """The section says what is missing, shows it, gives the deciding runs and the command that adds it."""
     part = section(html, "diagnosis")
     assert "stribeck is missing (these data do not separate it from viscous_power)" in part
-    assert "pumaid identify logs/ --add stribeck@1" in part and "Runs that separate stribeck and viscous_power" in part
+    assert "pumaid identify logs/ --add stribeck@1" in part and "To decide: " in part
     assert 'id="figure-finding_1_j1"' in part and 'id="figure-unexplained_j2"' in part
     assert "Detection limits" in part and "Candidates" in part
 
