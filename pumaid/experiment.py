@@ -43,7 +43,7 @@ class Experiment:
     trust: bool = False  # logs are taken that cannot mean what the recipe says; the refusals become notes
     cell: float | None = None  # s that a cell of a block of any motion lasts; else as the encoder needs
     jobs: int = 0  # processes at most; 0: one a core
-    dask: str = ""  # a Dask cluster's scheduler, or ``local``
+    dask: str = ""  # a Dask cluster's scheduler
     is_kept: bool = True  # the dataset is written for whoever reads these logs next
     tell: Callable[[str], None] = _silent  # called with a sentence on what was read or written
     progress: Callable[[int, int], None] = _silent  # called with the number of files done, of how many
@@ -104,7 +104,7 @@ class Experiment:
         if dataset is None:
             from pumaid.preprocessing.ingest import dask_workers, ingest, local_processes
 
-            with dask_workers(self.dask, self.jobs) if self.dask else local_processes(sizes, self.jobs) as executor:
+            with dask_workers(self.dask) if self.dask else local_processes(sizes, self.jobs) as executor:
                 dataset = ingest(
                     paths,
                     self.robot,

@@ -29,7 +29,6 @@ from pumaid.diagnosis.records import (
     Candidate,
     Curve,
     Diagnosis,
-    Digest,
     Finding,
     JointDiagnosis,
     Line,
@@ -588,8 +587,8 @@ def diagnose(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
         findings=builder.findings(reopened(estimate), fitted),
-        model=Digest(model_digest(estimate)),
+        model={"sha256": model_digest(estimate)},
         logs={facts.name: facts.digest for facts in dataset.files},
         notes=(*causes, *held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),
-        recipe=Digest(robot.digest),
+        recipe={"sha256": robot.digest},
     )

@@ -262,29 +262,22 @@ class Curve:
     period: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Digest:
-    """SHA-256 of a file."""
-
-    sha256: str = ""
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Diagnosis:
     """A diagnosis of all joints of one model on some logs (name -> SHA-256).
 
     `findings` stand strongest first; `applied` are those of earlier diagnoses that this model holds, in the order in
-    which they were added.
+    which they were added. `model` and `recipe` hold the SHA-256 of these, under ``sha256``.
     """
 
     robot: str
     joints: tuple[JointDiagnosis, ...]
     findings: tuple[Finding, ...]
-    model: Digest = Digest()
+    model: Mapping[str, str] = field(default_factory=dict)
     logs: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     applied: tuple[Finding, ...] = ()
-    recipe: Digest = Digest()
+    recipe: Mapping[str, str] = field(default_factory=dict)
     version: str = __version__
 
 
@@ -306,7 +299,7 @@ def read_diagnosis(path: Path) -> Diagnosis:
 def stale(diagnosis: Diagnosis, estimate: Estimate, logs: Mapping[str, str]) -> tuple[str, ...]:
     """Why a diagnosis may not hold for a model and logs (name -> SHA-256): sentences, none where it does."""
     changed = {
-        "The diagnosis is of another model than this page.": diagnosis.model.sha256 != model_digest(estimate),
+        "The diagnosis is of another model than this page.": diagnosis.model.get("sha256") != model_digest(estimate),
         "The diagnosis is of other logs than this page.": set(diagnosis.logs.values()) != set(logs.values()),
     }
     out = [text for text, is_so in changed.items() if is_so]

@@ -36,8 +36,6 @@ MOST_PROCESSES = 8
 BYTES_A_PROCESS = 8 << 20
 #: s to wait for a scheduler.
 PATIENCE = 10
-#: The address that asks for Dask workers on this machine.
-LOCAL = "local"
 
 
 def ingest(
@@ -167,8 +165,8 @@ def _start_worker() -> None:
 
 
 @contextmanager
-def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
-    """The workers of a Dask cluster as an executor; of `LOCAL`, `jobs` workers on this machine (0 for one a core).
+def dask_workers(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster as an executor.
 
     Raises
     ------
@@ -183,20 +181,13 @@ def dask_workers(address: str, jobs: int = 0) -> Iterator[Executor]:
         raise LogError("no-cluster", what, where, "pip install 'pumaid[dask]'") from error
     for name in ("distributed", "tornado", "asyncio"):  # a cluster that ends logs it as tracebacks
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    local = {
-        "silence_logs": logging.CRITICAL,
-        "n_workers": jobs or None,
-        "threads_per_worker": 1,
-        "dashboard_address": ":0",
-    }
     with ExitStack() as stack:
         try:
-            place = stack.enter_context(distributed.LocalCluster(**local)) if address == LOCAL else address
-            client = stack.enter_context(distributed.Client(place, timeout=PATIENCE))
+            client = stack.enter_context(distributed.Client(address, timeout=PATIENCE))
             versions = client.get_versions(packages=["pumaid"])
         except (OSError, ValueError, TypeError) as error:
             what = f"no scheduler answers at {address}: {(str(error) or type(error).__name__).splitlines()[0][:200]}"
-            mend = "start one with 'dask scheduler', or give --dask local"
+            mend = "start one with 'dask scheduler'; --jobs reads in processes of this machine"
             raise LogError("no-cluster", what, where, mend) from error
         places = (versions["scheduler"], *versions["workers"].values())
         different = sorted({str(place["packages"].get("pumaid")) for place in places} - {__version__})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_dataset import same
 
-from pumaid.diagnosis.records import Digest, diagnosis_document, read_diagnosis, stale, write_diagnosis
+from pumaid.diagnosis.records import diagnosis_document, read_diagnosis, stale, write_diagnosis
 from pumaid.errors import ResultError
 from pumaid.results.documents import digest_of, model_digest, write_model
 
@@ -83,7 +83,7 @@ def test_a_number_that_json_lacks_is_not_damage(tmp_path):
 def test_a_diagnosis_knows_whether_it_is_stale(context):
     """It is told of another model and of other logs, each for itself; of its own there is nothing to tell."""
     estimate, logs = context.estimate, {"a.csv": "cd" * 32}
-    own = replace(diagnoses.rich(), model=Digest(model_digest(estimate)), logs=logs)
+    own = replace(diagnoses.rich(), model={"sha256": model_digest(estimate)}, logs=logs)
     assert stale(own, estimate, {"renamed.csv": "cd" * 32}) == ()
     assert "other logs" in stale(own, estimate, {})[0] and len(stale(own, estimate, {})) == 2
-    assert "another model" in stale(replace(own, model=Digest("ab")), estimate, logs)[0]
+    assert "another model" in stale(replace(own, model={"sha256": "ab"}), estimate, logs)[0]

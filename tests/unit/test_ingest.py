@@ -135,8 +135,8 @@ def test_a_refused_file_is_refused_by_its_worker_too(paths, tmp_path) -> None:
 @pytest.mark.slow
 def test_dask_workers_leave_the_same(paths, expected) -> None:
     """Workers of dask.distributed on this machine, one of which is killed."""
-    pytest.importorskip("distributed")
-    with dask_workers("local", 2) as executor:
+    distributed, alone = pytest.importorskip("distributed"), {"threads_per_worker": 1, "dashboard_address": ":0"}
+    with distributed.LocalCluster(2, **alone) as cluster, dask_workers(cluster.scheduler_address) as executor:
         assert_equal(ingest(paths, ARM, executor=executor), expected)
 
 
