@@ -37,7 +37,11 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     effects says which curve is tried, and what is left without them.
     """
     last, added = search.fits.solved(search.added), list(search.added)
-    there = [item for item in search.accepted if _chiefly(item) == joint]
+    there = [  # at the joint whose error they lower most
+        item
+        for item in search.accepted
+        if min(item.after, key=lambda number: item.after[number] / item.before[number], default=None) == joint
+    ]
     if not is_unexplained and len(there) < 2:
         return None
     rest = [term for term in added if not any(term is item.trial.added for item in there)]
@@ -79,11 +83,6 @@ def _best(on: Fit, joint: int) -> tuple[EffectTerm, float]:
 
 def _terms(items: Iterable[EvaluatedCandidate]) -> list[EffectTerm]:
     return [item.trial.added for item in items]
-
-
-def _chiefly(item: EvaluatedCandidate) -> int | None:
-    """The joint whose error an effect lowers most."""
-    return min(item.after, key=lambda joint: item.after[joint] / item.before[joint], default=None)
 
 
 def _gain(without: Fit, fitted: Fit, terms: Sequence[EffectTerm]) -> float:

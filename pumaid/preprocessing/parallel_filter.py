@@ -207,7 +207,9 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     rate = (q[:, 2:] - q[:, :-2]) / (2.0 * step)
     acceleration = (q[:, 2:] - 2.0 * q[:, 1:-1] + q[:, :-2]) / step**2
     inner = q[:, 1:-1]
-    sampled = np.where(np.abs(body.robot.shaft_velocity(rate.T).T) < STICKING, np.nan, current.T[:, 1:-1])
+    turning = body.robot.shaft_velocity(rate.T).T
+    sticks = (np.abs(turning) < STICKING) | (np.gradient(np.sign(turning), axis=1) != 0.0)  # or it turns round between
+    sampled = np.where(sticks, np.nan, current.T[:, 1:-1])
     motion = np.concatenate([even[None, 1:-1] - even[0], inner, rate, acceleration])
     middle = _filtered(motion, width).T
     position, velocity, curve = np.split(middle[:, 1:], 3, axis=1)

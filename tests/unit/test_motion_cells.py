@@ -62,6 +62,9 @@ def test_cells_where_a_joint_may_stick_or_was_not_measured_have_no_current():
     assert missing[inside].all() and np.count_nonzero(missing & (np.abs(table.time - t[4000]) < 2 * table.step)) <= 3
     slow = np.array([np.abs(rate[0][np.abs(t - middle) < 0.06]).min() < 0.05 for middle in table.time])
     assert np.mean(np.isnan(table.current[:, 0]) == slow) > 0.98
+    coarse = cells(t[::25], q.T[::25], current[::25], body=base_parameters(robot), length=0.1)
+    for turn in t[1:][np.diff(np.sign(rate[0])) != 0.0][1:-1]:  # faster than 0.05 rad/s at the samples on either side
+        assert np.isnan(coarse.current[np.abs(coarse.time - turn).argmin(), 0])
 
 
 @pytest.mark.parametrize(("counts", "low", "high"), [(1e6, SHORTEST_CELL, 0.03), (2.5e3, 0.06, LONGEST_CELL)])
