@@ -193,15 +193,13 @@ class JointBins:
         spread, side = np.where(is_cell, np.sqrt(0.75) * n, spread), np.where(is_cell, 1.0 / 6.0, side)
         ahead = ((step * spread)[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
         three: dict[str, Any] = {name: np.repeat(values, 3, axis=0) for name, values in self.samples.series().items()}
-        rise = self.rises(time)
-        jerk = np.divide(self.rises(self.samples.acceleration), rise, out=np.zeros(len(self)), where=rise > 0.0)
         accelerates = self.accelerates[self.run]
         beside = three["velocity"] * (np.repeat(is_block, 3) * ahead)[:, None]
         beside[:, moving] = 0.0
         three["position"] += beside
         moved = three["velocity"][:, moving] * ahead
         three["velocity"][:, moving] += np.repeat(accelerates, 3) * three["acceleration"] * ahead
-        three["acceleration"] += np.repeat(accelerates * jerk, 3) * ahead
+        three["acceleration"] += np.repeat(accelerates * self.rates(self.samples.acceleration), 3) * ahead
         three["position"][:, moving] += moved
         three["time"] += ahead
         three["elapsed"] += ahead
@@ -230,6 +228,11 @@ class JointBins:
         place, (first, last) = np.arange(len(self)), (self.first, self.first + self.lengths - 1)
         before, after = np.maximum(place - 1, first[self.run]), np.minimum(place + 1, last[self.run])
         return np.asarray((values[after] - values[before]) / np.maximum(after - before, 1))
+
+    def rates(self, values: Floats) -> Floats:
+        """(N,) change of values a second, from bin to bin as in `rises`; zero in a run of one bin."""
+        rise = self.rises(self.samples.time)
+        return np.divide(self.rises(values), rise, out=np.zeros(len(self)), where=rise > 0.0)
 
     def squares(self, misfit: Floats) -> Floats:
         """(N,) A2 mean square of the samples of each bin beside a prediction that misses the bins by `misfit` (N,)."""

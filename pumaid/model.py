@@ -386,13 +386,16 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
     values = swept(samples, times * bins.lengths, table, turns=turns)
     load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
     moving, weights = load[:, 0], np.nan_to_num(model.factors(scales, bins.joint)) * solution
+    rate = slopes[:, bins.joint - 1] * samples.velocity[:, bins.joint - 1]
     if bins.rigid_body is not None and model.is_dynamic:
-        torque = np.repeat(bins.rigid_body @ (weights * model.is_geared)[model.inertial], times)
-        moving = np.where(np.isfinite(torque), torque, moving)
+        # The gear does not bear the rotor's inertia, which is in the motor's current.
+        torque, whole = (bins.rigid_body @ part[model.inertial] for part in (weights * model.is_geared, weights))
+        of_blocks = np.repeat([torque, bins.rates(whole)], times, axis=1)
+        moving, rate = np.where(np.isfinite(of_blocks), of_blocks, [moving, rate])
     if model.scaled:
         moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)
     drawn, rubs = moving + model.friction(samples, solution), model.rubs(solution)
-    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, gains, rubs)
+    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, rate, gains, rubs)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
@@ -434,8 +437,8 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     with np.errstate(divide="ignore", invalid="ignore"):
         back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
     gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
-    drawn = load + model.friction(samples, solution)
-    return Loads(load, elsewhere, slopes, tilts, across, drawn, gains, model.rubs(solution))
+    drawn, rate = load + model.friction(samples, solution), slopes[:, i] * samples.velocity[:, i]
+    return Loads(load, elsewhere, slopes, tilts, across, drawn, rate, gains, model.rubs(solution))
 
 
 #: Instants beyond which their axes are not kept: all that are take 0.2 GB on six joints.

@@ -141,7 +141,10 @@ class Stepwise:
             self.steps.append(step)
             passed = [x for x in (step.chosen, *step.beside) if x and not _is_among(x.trial.added, self.unsteady)]
             chosen, models = passed or self._on_trial(step), [*models, self.added]
-            is_again = any(_is_alike(self.added, model) for model in models[:-1])  # what one adds the next may drop
+            is_again = any(  # what one adds the next may drop
+                len(self.added) == len(model) and all(_is_among(term, model) for term in self.added)
+                for model in models[:-1]
+            )
             if not chosen or is_again or len(self.steps) > MOST_LOOKS:
                 if not self._drop_unsteady():
                     return step.scan.solved
@@ -499,11 +502,6 @@ def _is_among(term: EffectTerm, others: Sequence[EffectTerm]) -> bool:
         all(np.isclose(term.shape[k], shape, rtol=ALIKE) for k, shape in term.effect.chosen(other.shape).items())
         for other in same
     )
-
-
-def _is_alike(terms: Sequence[EffectTerm], others: Sequence[EffectTerm]) -> bool:
-    """Whether these are the same effects, of the same shapes where a joint may have several."""
-    return len(terms) == len(others) and all(_is_among(term, others) for term in terms)
 
 
 def _is_near(table: ScoreTable, key: Key, surprise: float, chances: SignFlips) -> bool:

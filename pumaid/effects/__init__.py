@@ -257,6 +257,7 @@ def example(joint: int, *, with_loads: bool, rows: Any = slice(None)) -> Samples
         "tilts": rng.normal(size=(INSTANTS, 2)),
         "across": np.abs(rng.normal(size=INSTANTS)),
         "drawn": rng.normal(size=INSTANTS),
+        "rate": rng.normal(size=INSTANTS),
     }
     series = {
         "position": rng.uniform(-1.5, 1.5, (INSTANTS, n)),

@@ -291,7 +291,7 @@ class Effect:
         if self.not_sliding and not robot.joint(joint).is_revolute:
             return f"joint {joint} slides: {self.not_sliding}"
         numbers = [joint] if joint else range(1, robot.n_joints + 1)
-        is_loaded = not self.only_loaded or (in_motion and "load" in names_in(self.formula))
+        is_loaded = not self.only_loaded or (in_motion and not names_in(self.formula).isdisjoint({"load", "load_rate"}))
         refusals = [None] if is_loaded else [load_refusal(robot, number) for number in numbers]
         return None if None in refusals else "; ".join(map(str, refusals))
 

@@ -7,7 +7,8 @@ parameters. Parameters and shapes stand in it by their own names. Of the joint w
 - ``shaft`` the velocity that drives its friction (its own unless gears couple it), ``v`` the size of that;
 - ``t``, ``elapsed`` time since the joint's, the arm's first motion; ``path`` travelled since the motion began;
 - ``temperature`` in degC, 25 where it was not measured; ``joint`` its number;
-- ``load`` gravity's current by the paper's model, ``drawn`` that and Coulomb and viscous friction;
+- ``load`` gravity's current by the paper's model (and inertia's in blocks), ``load_rate`` how fast it changes,
+  ``drawn`` it and Coulomb and viscous friction;
 - ``tilt_x``, ``tilt_y`` the derivative of ``load`` by a turn of the base, ``across`` gravity's moment across the axis;
 - ``load_owner``, ``slope_owner`` the load of the joint that owns the parameters, the derivative of ``load`` by its
   position; ``friction_owner`` its Coulomb and viscous friction;
@@ -43,8 +44,8 @@ FUNCTIONS = {
 #: exported model can have them.
 GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
 OF_OWNER = frozenset({"load_owner", "slope_owner", "friction_owner"})
-OF_LOADS = frozenset({"load", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER, *GAMMAS})
-OF_MOTION = OF_LOADS | {"q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
+OF_LOADS = frozenset({"load", "load_rate", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER, *GAMMAS})
+OF_MOTION = OF_LOADS - {"load_rate"} | {"q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
 
 
 _empty = partial(np.zeros, 0)
@@ -65,6 +66,7 @@ class Loads:
     # gain of `tilts`; zero for a prismatic joint
     across: Floats
     drawn: Floats  # (M,) the model's whole prediction in joint i
+    rate: Floats  # (M,) A/s: how fast `moving` changes, in blocks with what the rotor draws
     gains: Floats  # (J,) eta_i / eta_k: joint k's current times this is joint i's; NaN where not known
     # (2, J, 2) Coulomb and viscous friction of each joint (A, and A s/rad or A s/m), forward and backward
     rubs: Floats = field(default_factory=_empty)
@@ -211,6 +213,7 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "joint": lambda robot, samples, owner: samples.joint,
     "owner": lambda robot, samples, owner: owner,
     "load": lambda robot, samples, owner: loads_of(samples).moving,
+    "load_rate": lambda robot, samples, owner: loads_of(samples).rate,
     "drawn": lambda robot, samples, owner: loads_of(samples).drawn,
     "across": lambda robot, samples, owner: loads_of(samples).across,
     "tilt_x": lambda robot, samples, owner: loads_of(samples).tilts[:, 0],

@@ -80,6 +80,14 @@ def test_stribeck_friction_is_named_where_waves_repeat():
     assert [(finding.effect, finding.joint) for finding in findings] == [("stribeck", 2)]
 
 
+def test_currents_that_lag_are_named_so_at_the_joints_that_show_it():
+    """Currents of 4 ms before: no physics is named in their place, and a joint about gravity shows them, too."""
+    truth, log = worked("puma560", "picks", 31)
+    dataset = segment([replace(log, current=np.roll(log.current, 1, axis=0))], truth.robot)
+    findings = diagnose(identify(dataset, truth.robot), dataset, truth.robot).findings
+    assert {finding.effect for finding in findings} == {"delay"} and {finding.joint for finding in findings} >= {1, 3}
+
+
 def test_no_ripple_of_the_load_where_goals_jerk():
     """Goals come fifty times a second: what their jerks leave grows with the load, and passed for its ripple."""
     robot = read_recipe(shipped_recipes()["ur5e"])

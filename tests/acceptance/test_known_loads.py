@@ -56,11 +56,6 @@ def scores(estimate: Estimate, truth: Truth) -> dict[int, float]:
     }
 
 
-def with_load(logs: list, robot, *, name: str = "tool.csv") -> Dataset:
-    """Runs of logs of which `name` carries the load."""
-    return with_payloads(segment(logs, robot), {name: LOAD})
-
-
 def test_any_motion_with_and_without_a_load_gives_torque_constants(carrying):
     """A minute each of waves of all joints: every constant within 3.5 errors, most known to one per cent."""
     robot = read_recipe(shipped_recipes()["puma560"])
@@ -69,7 +64,7 @@ def test_any_motion_with_and_without_a_load_gives_torque_constants(carrying):
         carrying(is_on)
         log = recorded(truth, waves(rng, 60.0, reach(robot)), rng, counts=2e4)
         logs.append(replace(log, origin="tool.csv" if is_on else "bare.csv"))
-    estimate = identify(with_load(logs, robot), robot)
+    estimate = identify(with_payloads(segment(logs, robot), {"tool.csv": LOAD}), robot)
     off = scores(estimate, truth)
     assert len(off) == robot.n_joints and max(map(abs, off.values())) < 3.5
     constants = [estimate.value(f"torque_constant.j{joint}") for joint in range(1, robot.n_joints + 1)]

@@ -57,7 +57,7 @@ def test_all_is_every_joint_where_the_effect_can_act():
         ("stribeck@3:velocity=500", "effect-shape", "from 0.0001 to 20"),
         ("stribeck@3:velocity=nan", "effect-shape", "from 0.0001 to 20"),
         ("spring@3:rate=1", "effect-shape", "has no shape"),
-        ("delay@1", "effect-joint", "leave it out"),
+        ("flexibility@1", "effect-joint", "leave it out"),
         ("viscous@3", "effect-twice", "leave it out"),
     ],
 )

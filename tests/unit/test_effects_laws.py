@@ -31,7 +31,7 @@ def seen(*, way: float = 1.0, **given) -> Samples:
     position, velocity = np.zeros((COUNT, 2)), np.zeros((COUNT, 2))
     position[:, 0], velocity[:, 0] = values["position"], way * values["speed"]
     own, nothing = values["own"], np.zeros((COUNT, 2))
-    loads = Loads(own, nothing, nothing, nothing, np.abs(own), values["drawn"], np.ones(2))
+    loads = Loads(own, nothing, nothing, nothing, np.abs(own), values["drawn"], way * own, np.ones(2))
     filled = {name: values[name] for name in ("travel", "time", "temperature")}
     return Samples(
         1, position, velocity, np.ones(COUNT), np.full(COUNT, way), elapsed=values["time"], loads=loads, **filled
@@ -555,10 +555,8 @@ def test_the_gear_of_a_joint_in_motion_does_not_bear_its_rotor():
     """Of what a block's rigid body asks of joint 3, its load has every column but that of its rotor."""
     model, rng, still = Model(table1.robot(), is_dynamic=True), np.random.default_rng(3), np.zeros((40, 6))
     asked, solution = rng.standard_normal((40, len(model.inertial))), rng.standard_normal(len(model.names))
-    bins = JointBins(
-        *(3, (), Samples(3, still, still, np.zeros(40), np.ones(40)), *np.ones((3, 40))),
-        *(np.zeros(1, dtype=int), np.ones(1), asked),
-    )
+    samples = Samples(3, still, still, direction=np.ones(40), time=np.arange(40.0), run=np.zeros(40))
+    bins = JointBins(3, (), samples, *np.ones((3, 40)), np.zeros(1, dtype=int), np.ones(1), asked)
     turned = np.array(["rotor" in model.names[n] for n in model.inertial])
     assert turned.any()
     found = loads_at(model, bins, solution=solution, scales=np.ones((6, 6)))
