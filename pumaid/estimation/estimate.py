@@ -100,8 +100,9 @@ TEXTS = {
     "{beside}. Until it is right, ratios, inertia and friction are off by more than their errors; physics that 'pumaid"
     " diagnose' names may look like it",
     "ratio-none": "{name} comes out as none ({size}): the current of joint {joint} shows nothing of what the links"
-    " beyond joint {outer} ask of it, which no arm does. Was gravity or inertia taken out of these currents, or are"
-    " they simulated without? Their ratios and inertias are not to be relied on",
+    " beyond joint {outer} ask of it. Are they far lighter than what it carries before them? Else gravity or inertia"
+    " was taken out of these currents, or they are simulated without; then their ratios and inertias are not to be"
+    " relied on",
     "sign-odd, load": "{name} comes out as {size}, against the sign of friction: is the known load stated for the logs"
     " that carried it, and at the right place?",
     "offset-odd": "friction of joint {joint} has a mean of both ways of {offset} A, and its current never was more than"
