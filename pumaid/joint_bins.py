@@ -160,8 +160,7 @@ class JointBins:
         q = self.samples.position[:, self.joint - 1]
         order = np.argsort(q[b], kind="stable")
         there = q[b][order]
-        middles = 0.5 * (there[1:] + there[:-1])
-        nearest = np.searchsorted(middles, q[a])
+        nearest = np.searchsorted(0.5 * (there[1:] + there[:-1]), q[a])
         width = np.median(np.abs(np.diff(q[a]))) if len(there) > 1 and len(q[a]) > 1 else np.inf
         is_shared = np.abs(there[nearest] - q[a]) <= width
         if np.count_nonzero(is_shared) <= 2:

@@ -79,8 +79,7 @@ def least_squares(
     is_shown = full > (tolerance * largest if limit is None else max(1.0, ROUNDING * largest))
     shown = np.flatnonzero(is_shown)
     half = inverse_scale[:, None] * (right[shown].T / full[shown])
-    values = half @ (basis[:, shown].T @ target)
-    return LeastSquares(values, half, right[~is_shown].T)
+    return LeastSquares(half @ (basis[:, shown].T @ target), half, right[~is_shown].T)
 
 
 def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> Flags:
@@ -296,8 +295,8 @@ class Bilinear:
 
     def _factors(self, gains: Gains) -> Floats:
         """(rows, p) eta_row / eta_owner."""
-        shared = np.ones((gains.n_rows, 1))  # what owner -1 finds
-        return np.hstack([np.nan_to_num(gains.scales()), shared])[:, self.owners]
+        # The last column is what owner -1 finds.
+        return np.hstack([np.nan_to_num(gains.scales()), np.ones((gains.n_rows, 1))])[:, self.owners]
 
     def left(self, values: Floats, gains: Gains) -> Floats:
         """(N,) what parameters and ratios leave of the target."""

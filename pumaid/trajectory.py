@@ -200,8 +200,7 @@ class Trapezoid:
         cruising = np.clip(time - ramp, 0.0, total - 2.0 * ramp)
         gone = self.peak * (cruising + falling) + 0.5 * self.acceleration * (rising**2 - falling**2)
         direction = (self.end - self.start) / (self.way or 1.0)
-        speed = self.acceleration * (rising - falling)
-        return self.start + gone[:, None] * direction, speed[:, None] * direction
+        return self.start + gone[:, None] * direction, (self.acceleration * (rising - falling))[:, None] * direction
 
 
 class TrajectoryPart:

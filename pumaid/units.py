@@ -54,8 +54,7 @@ def number(value: float, digits: int = 4) -> str:
     if value == 0.0 or not math.isfinite(value):
         return f"{value + 0.0:g}"
     if 1e-4 <= abs(value) < 1e6:
-        places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-        return f"{value:.{places}f}"
+        return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
     return f"{value:.{digits - 1}e}"
 
 

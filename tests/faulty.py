@@ -133,16 +133,6 @@ def intervals(document: dict) -> dict[str, tuple[float, float, float]]:
     return {one["name"]: (one["value"], *one["ci95"]) for one in values if one["state"] == "identified"}
 
 
-def disagreements(document: dict, wanted: dict) -> dict[str, tuple]:
-    """Parameters of a model whose 95 % interval has nothing in common with that of another model."""
-    found, other = intervals(document), intervals(wanted)
-    return {
-        name: (found[name], other[name])
-        for name in found.keys() & other.keys()
-        if found[name][1] > other[name][2] or other[name][1] > found[name][2]
-    }
-
-
 def slugs_of(stderr: str) -> set[str]:
     """Slugs of the notes on standard error."""
     return set(re.findall(r"^note\[([a-z-]+)\]", stderr, re.MULTILINE))
@@ -187,7 +177,10 @@ def outcome(found, folder: Path, before: dict[str, bytes]) -> str:
     document = json.loads(found.stdout)
     if json.loads((folder / "results" / "model.json").read_text()) != document:
         return "the model file is not what was printed"
-    odd = disagreements(document, fitted())
+    now, wanted = intervals(document), intervals(fitted())
+    both = {name: (now[name], wanted[name]) for name in now.keys() & wanted.keys()}
+    # Intervals of 95 % that have nothing in common.
+    odd = {name: (a, b) for name, (a, b) in both.items() if a[1] > b[2] or b[1] > a[2]}
     if odd and not slugs_of(found.stderr) & WARNINGS:
         return f"silently wrong: {odd}"
     return "flagged" if odd else "agrees"

@@ -299,8 +299,7 @@ def _shortest(
         return round(float(np.sum(cost[path[:-1], path[1:]])), 6)
 
     for _ in range(1 if collision.is_free else _ROUNDS):
-        paths = [_improved(cost, rng.permutation(count).tolist()) for _ in range(_STARTS)]
-        for path in sorted(paths, key=length):
+        for path in sorted((_improved(cost, rng.permutation(count).tolist()) for _ in range(_STARTS)), key=length):
             if length(path) >= _STRUCK:
                 continue
             moves = itertools.pairwise(path if now is not None else path[1:])

@@ -367,8 +367,7 @@ class Criterion:
 
     def value(self, information: Floats) -> Floats:
         """(...) for information (..., G, p, p) of G robots."""
-        logs = np.log(self.errors(information) / self.size)[..., self.counted]
-        return np.asarray(logs.mean(axis=(-1, -2)))
+        return np.asarray(np.log(self.errors(information) / self.size)[..., self.counted].mean(axis=(-1, -2)))
 
     def slope(self, information: Floats) -> Floats:
         """(G, p, p): more information M lowers the value by half the sum of the products of its elements with M's."""

@@ -289,8 +289,7 @@ class Picks(Shapes):
         q = np.repeat(places, 2, axis=0)[:-1]
         q = np.vstack([q[0], q[2:], q[-1]])
         nothing = np.zeros_like(q)
-        made = Trajectory(np.append(0.0, np.cumsum(steps)), q, nothing, nothing, repeats, self.kind)
-        return self.clear(made)
+        return self.clear(Trajectory(np.append(0.0, np.cumsum(steps)), q, nothing, nothing, repeats, self.kind))
 
 
 #: Kind -> what draws such trajectories.
@@ -421,8 +420,7 @@ class _Forecast:
         """Geometric mean of errors over those of another plan, by the parameters that both show, and how many."""
         sizes = dict(zip(self.information.names, self.information.sizes.tolist(), strict=True))
         both = [name for name, size in sizes.items() if max(errors.get(name, np.inf), others.get(name, np.inf)) < size]
-        logs = [np.log(errors[name] / others[name]) for name in both]
-        return number(float(np.exp(np.mean(logs))), 2), len(both)
+        return number(float(np.exp(np.mean([np.log(errors[name] / others[name]) for name in both]))), 2), len(both)
 
     def faults(self, made: Trajectory, promised: Mapping[str, float]) -> Iterator[Note]:
         """What asks for attention of a trajectory that promises some errors."""

@@ -198,8 +198,7 @@ class Planner:
         robot, count = self.robot, _DRAWN if self.collision.is_free else _MORE * _DRAWN
         holds = postures(robot, joint, count=count, rng=rng)
         ways = sweeps(robot, joint, speeds(robot, joint, SHARES))
-        parts = [free_blocks(self.collision, hold[None], ways) for hold in holds]
-        if free := [part for part in parts if part]:
+        if free := [part for hold in holds if (part := free_blocks(self.collision, hold[None], ways))]:
             # First those with a free way home, between which most ways are free.
             middle = home(robot)
             free.sort(key=lambda part: self.collision.first_hit(np.array(part[0].hold), middle) is not None)
@@ -513,8 +512,7 @@ def collision_notes(robot: Robot, given: Plan) -> Iterator[Note]:
             note = Note("plan-strikes", f"{way} {step.number}: {hit}", Where(joint=joint, field=f"runs[{step.number}]"))
             hits.setdefault(hit.split(" than ")[0], []).append(note)
     for first, *rest in hits.values():
-        more = f"; and so in {len(rest)} more runs and moves" if rest else ""
-        yield replace(first, text=first.text + more)
+        yield replace(first, text=first.text + f"; and so in {len(rest)} more runs and moves" * bool(rest))
 
 
 def lack_notes(robot: Robot, given: Plan) -> Iterator[Note]:

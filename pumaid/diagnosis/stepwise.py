@@ -174,8 +174,7 @@ class Stepwise:
             at_joint = [n for n in waves if self.added[n].joint == self.added[place].joint and n != place]
             if not any(abs(waves[n] - waves[place]) < near for n in at_joint):
                 continue
-            rest = [*self.added[:place], *self.added[place + 1 :]]
-            shown = self.fits.solved(rest, whole.noises, beside=self.added)
+            shown = self.fits.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises, beside=self.added)
             trial = score_at(Projector(shown), self.added[place])
             judged = trial and at >= 0 and self._judged(step.scan, trial, shown, chances=step.family)
             if trial and judged and judged.trial.statistic > trial.statistic + shown.scale:
@@ -477,8 +476,7 @@ class Stepwise:
             solved = self.fits.solved([*self.added[:place], *self.added[place + 1 :]], whole.noises)
             shown = self.fits.where_it_shows(solved, current)
             again = score_at(Projector(shown), current)
-            scan = self.steps[-1].scan
-            if again is None or self._chance(scan, again, shown, trial=again, chances=chances) > LEVEL:
+            if again is None or self._chance(self.steps[-1].scan, again, shown, trial=again, chances=chances) > LEVEL:
                 del self.added[place], self.accepted[place - len(self.given)]
                 continue
             tried, joint = candidates(solved, self.effects), current.joint

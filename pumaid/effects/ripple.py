@@ -44,5 +44,4 @@ class Ripple(Effect):
         # Periods a turn of the motor: its eccentricity, a wave generator's two lobes, usual counts of poles and slots.
         meant = [abs(gear) * turns for turns in (1, 2, 6, 12) if lowest <= abs(gear) * turns <= highest] if gear else []
         count = max(int(np.ceil((highest - lowest) / (np.pi / (2.0 * span)))) + 1, 1)
-        even = np.linspace(lowest, max(highest, lowest), count)
-        return tuple({"frequency": float(f)} for f in (*meant, *even))
+        return tuple({"frequency": float(f)} for f in (*meant, *np.linspace(lowest, max(highest, lowest), count)))

@@ -97,8 +97,7 @@ def curve_values(fitted: Fit, covariance: Floats) -> Iterator[Value]:
     The error is by the (P, P) covariance of all parameters, which with the curve's prior is that of its distribution
     after the data: G. Wahba, J. R. Stat. Soc. B 45 (1983) 133-150; S. N. Wood, section 6.10.
     """
-    model = fitted.model
-    for place, term in enumerate(model.effects):
+    for place, term in enumerate(fitted.model.effects):
         row = next((row for row in fitted.rows if row.joint == term.joint), None)
         if not term.effect.is_free:
             continue

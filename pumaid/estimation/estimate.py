@@ -239,8 +239,7 @@ def _profiles(result: EffectFit, parameters: FittedParameters) -> dict[int, Ends
         names = profile.projector.solved.model.names
         same = {model.names.index(name): n for n, name in enumerate(names) if name in model.names}
         before = profile.others(reach[[*same, *range(len(model.names), len(reach))]])
-        moved = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == term.number}
-        out = moved | out
+        out = {n: tuple(before[k]) for n, k in same.items() if model.columns[n].owner == term.number} | out
     return out
 
 

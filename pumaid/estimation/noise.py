@@ -106,8 +106,7 @@ class NoiseModel:
 @lru_cache(maxsize=16)  # the same for all columns that are tried
 def _filter(noise: NoiseModel, bins: JointBins) -> tuple[Floats, Floats]:
     """(N,) factors of each value, and of the one before it, in the difference of neighbours that is white."""
-    fresh = np.sqrt(1.0 - noise.correlation**2)
-    lead = (1.0 / (noise.spread * fresh))[bins.run]
+    lead = (1.0 / (noise.spread * np.sqrt(1.0 - noise.correlation**2)))[bins.run]
     back = noise.correlation[bins.run] * lead
     lead[bins.first], back[bins.first] = 1.0 / noise.spread, 0.0
     return lead, back

@@ -260,8 +260,7 @@ class EffectFit:
         """What can be added to the fit of all effects but the one at `place`."""
         rest = [self.terms[other] for other in sorted(self.terms) if other != place]
         fitted = refit(self.fit, self.model.with_effects(rest))
-        whole = self.fit if self.terms[place].effect.needs_loads else None
-        return Projector(fitted, whole=whole, at_nodes=at_nodes)
+        return Projector(fitted, whole=self.fit if self.terms[place].effect.needs_loads else None, at_nodes=at_nodes)
 
     def _sizes(self, place: int) -> tuple[float, ...]:
         """Linear parameters of an effect by the fit so far."""

@@ -245,8 +245,7 @@ def _filtered(values: Floats, width: int) -> Floats:
 def _weighted(values: Floats, width: int) -> Floats:
     """(K, N // width, ROUNDS) sums over cells of (K, N) values, by their weights in each mean that they enter."""
     mean = np.full(width, 1.0 / width)
-    kernel = np.convolve(np.convolve(mean, mean), mean)
-    weights = np.pad(kernel, (1, 1)).reshape(ROUNDS, width)
+    weights = np.pad(np.convolve(np.convolve(mean, mean), mean), (1, 1)).reshape(ROUNDS, width)
     count = values.shape[1] // width
     return values[:, : count * width].reshape(len(values), count, width) @ weights.T
 

@@ -128,8 +128,7 @@ class _OrderedBins:
         order = np.argsort(position, kind="stable")
         self.q, self.current = position[order] + turns, bins.current[order]
         self.variance, self.count = bins.variance[order], bins.count[order]
-        basis = [np.cos(self.q), np.sin(self.q), np.ones(len(self.q)), bins.acceleration[order]]
-        self.basis = np.column_stack(basis)
+        self.basis = np.column_stack([np.cos(self.q), np.sin(self.q), np.ones(len(self.q)), bins.acceleration[order]])
         self.smooth = np.linalg.lstsq(self.basis, self.current, rcond=1e-6)[0] if smooth is None else smooth
         self.rest = self.current - self.basis @ self.smooth
         self.rises = _ratio(np.diff(self.rest), np.diff(self.q))

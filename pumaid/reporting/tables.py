@@ -265,8 +265,7 @@ def budget_table(comparison: Comparison, robot: Robot) -> Table | None:
             bar = (SIGNIFICANT if part.is_more else NOISE) * max(round(BUDGET_BAR * share), 1)
             words = [part_text(budget, part), listed(part.points_to if part.is_more else [], "or")]
             rows.append([head, f"{100.0 * share:.1f} %", bar, *words])
-    noise = "the residual is noise, as far as these runs can show"
-    texts = [(joint, noise) for joint in joints if joint not in loud]
+    texts = [(joint, "the residual is noise, as far as these runs can show") for joint in joints if joint not in loud]
     texts += [(joint, text) for slug, text in BUDGET_LIMITS.items() for joint in joints if slug in joints[joint].limits]
     notes = [("-", text) for text in by_joint(texts, robot, count=len(joints))]
     header = ("joint", "share", "", "part", "effects with this pattern")

@@ -177,8 +177,7 @@ class CsvLog(LogSource):
             return "skip" if len(self._ragged) < 2 else "error"
 
         dialect = self._dialect
-        more = [name for name in names if name not in self._places]
-        needed = self._joints.needed(more)
+        needed = self._joints.needed([name for name in names if name not in self._places])
         texts = [str(index) for index in needed if index in self._joints.texts]
         numbers = [str(self._places[name]) for name in names if name in self._places]
         numbers += [str(index) for index in needed if index not in self._joints.texts]
@@ -221,8 +220,7 @@ class CsvLog(LogSource):
     def _values(self, batch: Any, names: Sequence[str]) -> Floats:
         """(C, N) values of a block."""
         more = [name for name in names if name not in self._places]
-        parts = {k: batch.column(str(k)) for k in self._joints.needed(more)}
-        inner = self._joints.values(parts, more)
+        inner = self._joints.values({k: batch.column(str(k)) for k in self._joints.needed(more)}, more)
         plain = {name: batch.column(str(self._places[name])) for name in names if name not in inner}
         stamps = {name for name in plain if self._places[name] in self._stamps}
         plain |= {name: plain[name].cast("int64").cast("float64", safe=False) for name in stamps}

@@ -92,8 +92,7 @@ class JointColumns:
         arrays = {stem: self._array(stem, [columns[k] for k in self._lists[stem]]) for stem in stems}
         beside = {stem: "name" if stem == self._names else _split(stem)[1] for stem in arrays if self._is_beside(stem)}
         keys = {key: stem for stem, key in beside.items()}
-        joined = {key: arrays[stem] for key, stem in keys.items()}
-        for name, used, values in leaves(joined, _split(self._names)[0]):
+        for name, used, values in leaves({key: arrays[keys[key]] for key in keys}, _split(self._names)[0]):
             yield name, tuple(keys[key] for key in used), values
         for stem in arrays.keys() - beside:
             yield from ((name, (stem,), values) for name, _, values in leaves({stem: arrays[stem]}))
