@@ -206,8 +206,11 @@ def _meaning(name: str) -> dict[str, int]:
     return out
 
 
-def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, bool]:
-    """Templates that name a column for every joint, and whether there is a column for one joint more."""
+def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, int]:
+    """Templates that name a column for every joint, and whether there is a column for one joint more.
+
+    It counts twice before the first joint, since a gripper's stands behind the last.
+    """
     templates, columns = {}, {*header}
     numbers = range(len(names) + 1)
     for name in header:
@@ -216,9 +219,10 @@ def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, bool]:
             width = f":0{len(digits)}d" if digits[0] == "0" and len(digits) > 1 else ""
             *joints, beyond = [f"{before}{first + k:{width[1:]}}{after}" in columns for k in numbers]
             if all(joints):
-                templates[f"{before}{{{key}{width}}}{after}"] = beyond
+                ahead = f"{before}{first - 1:{width[1:]}}{after}" in columns
+                templates[f"{before}{{{key}{width}}}{after}"] = beyond + 2 * ahead
         if names[0] in name and all(name.replace(names[0], other, 1) in columns for other in names):
-            templates[name.replace(names[0], "{name}", 1)] = False
+            templates[name.replace(names[0], "{name}", 1)] = 0
     return templates
 
 

@@ -222,14 +222,16 @@ class Columns:
                 for k, column in present.items()
             ]
         beyond = [
-            template.format(joint=robot.n_joints + 1, joint0=robot.n_joints, name="")
+            template.format(joint=joint, joint0=joint - 1, name="")
+            for joint in (0, robot.n_joints + 1)
             for template in (robot.log.position, robot.log.current)
             if "{joint" in template
         ]
         more = [column for column in beyond if column in header]
         if more:
-            text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints"
-            self.notes.append(Note("more-joints", f"{text}: is it this robot's log?", Where(file=name)))
+            text = f"the log also has {listed(more)}, but {robot.name} has {robot.n_joints} joints: is it this robot's"
+            text += " log, and joint 1 its first ({joint0} in the recipe's log block counts from 0)?"
+            self.notes.append(Note("more-joints", text, Where(file=name)))
         self.factors, self.zeros = np.array(factors), np.array(zeros)
         self.episode = next(filter(EPISODE.fullmatch, header), "")
         self._counted = np.full((int(bool(self.episode)), 1), np.nan)

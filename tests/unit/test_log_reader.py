@@ -376,9 +376,11 @@ def test_another_number_of_joints_is_told(tmp_path: Path) -> None:
     for content, which in ((text(motion(20, 2)), "2 of the 3"), ("time,pos_1,current_1\n0,1,2\n1,1,2\n", "1 of the 3")):
         error = refusal(tmp_path / "a.csv", content, arm(3))
         assert error.slug == "column-missing" and f"columns of {which} joints of the recipe" in error.what
-    (tmp_path / "a.csv").write_text(text(motion(20, 3)))
-    _, reader = read(tmp_path / "a.csv", arm(2))
-    assert [note.slug for note in reader.notes] == ["more-joints"] and "q3, i3" in reader.notes[0].text
+    for beyond in ("3", "0"):  # behind the last joint, or before the first
+        (tmp_path / "a.csv").write_text(text(motion(20, 3)).replace("q3", f"q{beyond}").replace("i3", f"i{beyond}"))
+        _, reader = read(tmp_path / "a.csv", arm(2))
+        assert [note.slug for note in reader.notes] == ["more-joints"]
+        assert f"q{beyond}, i{beyond}" in reader.notes[0].text
 
 
 def test_a_second_recording_in_a_file_is_refused(tmp_path: Path) -> None:
@@ -444,18 +446,12 @@ def numbered(*templates: str, n_joints: int = 6, first: int = 0) -> list[str]:
 
 
 #: Header, and of the expected block time, position, velocity, current and temperature: UR's RTDE recorder, Kinova's,
-#: ROS topics flattened, LabVIEW-like.
+#: ROS topics flattened, with a gripper behind the arm, LabVIEW-like.
 HEADERS = {
     "rtde": (
         numbered("target_q_{}", "actual_q_{}", "target_qd_{}", "actual_qd_{}", "target_current_{}")
         + numbered("actual_current_{}", "joint_temperatures_{}"),
-        [
-            "timestamp",
-            "actual_q_{joint0}",
-            "actual_qd_{joint0}",
-            "actual_current_{joint0}",
-            "joint_temperatures_{joint0}",
-        ],
+        ["timestamp", *(f"{x}_{{joint0}}" for x in ("actual_q", "actual_qd", "actual_current", "joint_temperatures"))],
     ),
     "kinova": (
         numbered("Position{}", "Velocity{}", "Torque{}", "TorqueCur{}", "Temp{}", "Cur{}", first=1)
@@ -463,7 +459,7 @@ HEADERS = {
         ["Time", "Position{joint}", "Velocity{joint}", "Cur{joint}", "Temp{joint}"],
     ),
     "ros": (
-        numbered("/joint_states/position[{}]", "/joint_states/velocity[{}]", "/motor/current[{}]"),
+        numbered("/joint_states/position[{}]", "/joint_states/velocity[{}]", "/motor/current[{}]", n_joints=7),
         ["time", "/joint_states/position[{joint0}]", "/joint_states/velocity[{joint0}]", "/motor/current[{joint0}]"],
     ),
     "units in names": (
