@@ -169,6 +169,18 @@ class JointSignals:
                 return number(sign * level), counts[level]
         return None
 
+    @property
+    def mark(self) -> tuple[str, int] | None:
+        """What no motor draws (A) and currents are exactly now and then, none else so large, and how often."""
+        beyond = [
+            (sign * level, count)
+            for sign, counts in zip((1.0, -1.0), self.sums.levels[self.k], strict=False)
+            for level, count in counts.items()
+            if level > MOST_AMPERES
+        ]
+        is_mark = self.is_measured and self.is_ampere and len(beyond) == 1 and beyond[0][1] >= FLAT_COUNT
+        return (number(beyond[0][0]), beyond[0][1]) if is_mark else None
+
     @cached_property
     def frozen(self) -> str:
         """How the current is not measured anew at each sample, if so."""

@@ -5,13 +5,14 @@ Each test looks at the statistics of one file, or of all, and yields the figures
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pumaid.errors import LogError, Note, Where
+from pumaid.errors import LogError, Note, Where, listed
+from pumaid.io.column_names import log_block
 from pumaid.preprocessing.joint_signals import (
     FARTHEST,
     FEWEST_WAYS,
@@ -143,8 +144,24 @@ def _position_unit(sums: LogStatistics, *, read: str, meant: str) -> Found:
     for j in (suspects or turning)[:1] if sums.robot.log.units.get(key, read) == read else ():
         if is_sure or not abs(j.ratio - 1.0) < RATIO_FINE:
             why = f"its limits are {j.limits}, and as {meant} they would fit" if suspects else "over two turns"
-            figures = {"read": read, "meant": meant, "key": key, "j": j, "why": why}
+            mend = _other_unit(suspects or turning, joints, key=key, meant=meant, scale=scale)
+            figures = {"read": read, "meant": meant, "mend": mend, "j": j, "why": why}
             yield figures | {"joint": j.joint.number, "fault": is_sure}
+
+
+def _other_unit(
+    wrong: Sequence[JointSignals], joints: Sequence[JointSignals], *, key: str, meant: str, scale: float
+) -> str:
+    """The unit for the recipe of all joints; and of the `wrong` ones only, where others would hardly move in it."""
+    log, numbers = wrong[0].sums.robot.log, [j.joint.number for j in wrong]
+    beside = [j for j in joints if j.has_moved and j.joint.number not in numbers]
+    mend = f"if they are {meant} put units: {{{key}: {meant}}} into the recipe's log block"
+    if not any(scale * (j.highest - j.lowest) < FEW_DEGREES for j in beside):
+        return mend
+    meanings = [(k, log.conversion("position", k)) for k in range(1, wrong[0].sums.robot.n_joints + 1)]
+    scaled = tuple(replace(item, scale=item.scale * (scale if k in numbers else 1.0)) for k, item in meanings)
+    block = log_block(replace(log, conversions={**log.conversions, "position": scaled}))
+    return f"{mend}; if of joint {listed(sorted(map(str, numbers)))} only, this in place of that block:\n{block}"
 
 
 def _units_disagree(sums: LogStatistics) -> Found:
@@ -245,7 +262,7 @@ UNIT_CHECKS = (
     *(
         Check("units-disagree", partial(_position_unit, read=read, meant=meant),
               "positions of joint {joint}, read as {read}, run from {j.span}; {why}",
-              "if they are {meant} put units: {{{key}: {meant}}} into the recipe's log block")
+              "{mend}")
         for read, meant in (("rad", "deg"), ("deg", "rad"), ("m", "mm"))
     ),
     Check("units-disagree", _units_disagree, "position of joint {joint} changes {ratio} times as fast as its velocity "
@@ -288,7 +305,11 @@ OTHER_CHECKS = (
           column="current", fault=True),
     Check("sign-lost", _first(lambda j: j.is_measured and j.lost_sign[0], mend=current_encoding),
           "the current of joint {joint}{alike} {j.lost_sign[0]}", "{mend}", column="current", fault=True),
-    Check("current-saturated", _each(lambda j: j.is_measured and j.flat_top),
+    Check("current-dropouts", _each(lambda j: j.mark),
+          "current of joint {joint} is exactly {j.mark[0]} A in {j.mark[1]} of {j.moving:.0f} moving samples, "
+          f"and no arm's motor draws more than {MOST_AMPERES:g} A: values that were lost were written so",
+          "leave lost values empty", column="current", fault=True),
+    Check("current-saturated", _each(lambda j: j.is_measured and j.flat_top and not j.mark),
           "current of joint {joint} is at its limit, {j.flat_top[0]} A, in {j.flat_top[1]} of {j.moving:.0f} moving "
           "samples", "it is cut off by the drive or the sensor; slower runs stay below", column="current"),
     Check("current-frozen", _each(lambda j: j.is_measured and not j.flat_top and j.frozen),
@@ -302,14 +323,14 @@ OTHER_CHECKS = (
           "currents of joint {joint}{alike} are whole numbers, up to {j.largest:.4g}: counts of a driver, not A",
           "put units: {{current: raw}} into the recipe's log block: ratios of gains hold, and all else is in counts; "
           "or say there what a count is (mA, permille, percent, or a scale)", column="current", fault=True),
-    Check("units-disagree", _first(lambda j: j.is_measured and j.is_large and not j.is_counted),
+    Check("units-disagree", _first(lambda j: j.is_measured and j.is_large and not (j.is_counted or j.mark)),
           "current of joint {joint}{alike} is {j.largest:.4g} A at most, and no arm's motor draws more than "
           f"{MOST_AMPERES:g} A",
           "put units: {{current: mA}} (or percent, permille, Nm; raw where nobody knows) into the recipe's log block; "
           "where only some joints are in it, current: {{column: {j.sums.robot.log.current}, scale: [1, 0.001, ...]}}, "
           "a factor for each joint",
           column="current", fault=True),
-    Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not j.is_large
+    Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not (j.is_large or j.mark)
           and not SMALL <= j.largest <= MOST_AMPERES),
           "current of joint {joint} is {j.largest:.4g} A at most, and an arm's motor draws more than "
           f"{SMALL:g} and less than {MOST_AMPERES:g} A",
