@@ -71,13 +71,24 @@ def ingest(
         raise LogError("empty-log", what, Where(file=dataset.files[0].name), "record again, or name other files")
     of_all = findings(total)
     # What all logs show needs no message a file; what one file shows may drown in the different.
-    refused = [item for item in of_all if isinstance(item, LogError)]
+    filled = sum(facts.rows > 0 for facts in dataset.files)
+    refused = [_of_few(item, faults, filled) for item in of_all if isinstance(item, LogError)]
     refused = refused or list({fault.slug: fault for fault in reversed(faults)}.values())[::-1]
     refused += _copies(dataset.files)
     refuse([] if trust else refused)
     believed = [Note(item.slug, f"{item.what}; {item.mend}", item.where) for item in refused]
     notes = [*_summarised(dataset.notes), *believed, *(item for item in of_all if isinstance(item, Note))]
     return replace(dataset, notes=tuple(notes))
+
+
+def _of_few(item: LogError, faults: Sequence[LogError], n_files: int) -> LogError:
+    """What all files show together; or, where at most half of them show it, what the first of these shows."""
+    shown = [fault for fault in faults if fault.slug == item.slug and fault.what.split()[0] == item.what.split()[0]]
+    names = [*dict.fromkeys(str(fault.where.file) for fault in shown)]
+    if not 0 < len(names) <= n_files / 2:
+        return item
+    what = f"of {n_files} logs this is of {listed(names, 3)} only: write it as the others are, or identify it apart"
+    return LogError(item.slug, shown[0].what, shown[0].where, f"{what}; or, if all are so, {shown[0].mend}")
 
 
 def read_file(

@@ -113,6 +113,18 @@ def test_a_copy_of_a_file_is_refused(paths, tmp_path) -> None:
     assert [note.slug for note in ingest([original, copy], ARM, trust=True).notes].count("log-doubled") == 1
 
 
+def test_a_file_in_another_unit_is_told_apart(tmp_path) -> None:
+    """Of a file in mA among files in A the refusal names this one, and another way to mend it; of all the first."""
+    for scales, which, is_alone in (((1.0, 1e3, 1.0), 1, True), ((1e3, 1e3, 1e3), 0, False)):
+        for number, scale in enumerate(scales):
+            logs = [replace(log, current=scale * log.current) for log in make(WORLD, number).logs]
+            write_log(tmp_path / f"{number}.csv", logs, ARM)
+        with pytest.raises(LogError) as refused:
+            ingest(expand([tmp_path]), ARM)
+        assert refused.value.where.file == str(tmp_path / f"{which}.csv") and "mA" in refused.value.mend
+        assert ("of 3 logs this is of" in refused.value.mend) == is_alone
+
+
 def test_notes_of_one_kind_do_not_flood(tmp_path) -> None:
     """Of eight files with gaps of their own three are told in full, and how many more there are."""
     for number in range(8):
