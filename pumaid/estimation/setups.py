@@ -129,12 +129,14 @@ class Setups:
         columns = body.row(place + 1, (q, v, a)).T
         if setup.by_file:
             tip = columns[:, -len(body.counted[-1]) :][:, :WEIGHT]
-            files = [tip * (cells.file == k)[:, None] for k in np.unique(cells.file)[1:]]
-            columns = np.hstack([columns, *files])
+            columns = np.hstack([columns, *(tip * (cells.file == k)[:, None] for k in np.unique(cells.file)[1:])])
         return columns
 
-    def explanations(self) -> list[Explanation]:
-        """Setups under which a missed joint's error falls far and no joint's rises; the best first."""
+    def explanations(self, is_odd: bool = False) -> list[Explanation]:
+        """Setups under which a missed joint's error falls far and no joint's rises; the best first.
+
+        Where offsets are odd, a unit of positions need not explain as much.
+        """
         thin = Setups(self.fitted, self.missed, most=SEARCHED)
         setups = (*self._reread(), *thin._mounted(), *thin._scaled())
         errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
@@ -147,13 +149,19 @@ class Setups:
             judged = [joint for joint in self.missed if joint in ratios]
             best = min(judged, key=lambda joint: ratios[joint], default=0)
             is_at_least = setup.kind == TURNED or all(after[joint] <= AT_LEAST * least[joint] for joint in judged)
-            falls = {TURNED: FALLS, WEIGHTLESS: FALLS_WEIGHTLESS}.get(setup.kind, FALLS_FAR)
+            is_lax = setup.kind == TURNED or (is_odd and bool(self.units(setup)))
+            falls = FALLS_WEIGHTLESS if setup.kind == WEIGHTLESS else FALLS if is_lax else FALLS_FAR
             rises = RISES if setup.kind == TURNED else RISES_FAR
             is_at_least &= all(after[joint] < RISES * bent[joint] for joint in judged)
             if best and ratios[best] < falls and max(ratios.values()) < rises and is_at_least:
                 more = 2.0 * self.files * np.log(self.runs) / self.runs if setup.by_file else 0.0
                 out.append((self._cost(after) + more, Explanation(setup, best, self.before[best], after[best])))
         return [item for _, item in sorted(out, key=lambda pair: pair[0])]
+
+    def units(self, setup: Setup) -> list[str]:
+        """Words for the recipe by which positions are as much larger."""
+        scale = max(setup.factors, key=lambda factor: abs(factor - 1.0))
+        return other_units(self.robot, "position", "rad", fits=lambda size: abs(scale / size - 1.0) < UNIT_MATCH)
 
     def _cost(self, after: dict[int, float]) -> float:
         """Mean logarithm of the errors of all joints, over those under the recipe."""
@@ -222,7 +230,7 @@ def of_setups(fitted: Fit, missed: Sequence[int], *, is_odd: bool = False) -> li
     A refusal where that is another unit of positions, without doubt, as where offsets `is_odd`.
     """
     setups = Setups(fitted, missed) if missed else None
-    candidates = setups.explanations() if setups is not None else []
+    candidates = setups.explanations(is_odd) if setups is not None else []
     if setups is None or not candidates:
         return []
     best, setup = candidates[0], candidates[0].setup
@@ -243,9 +251,11 @@ def of_setups(fitted: Fit, missed: Sequence[int], *, is_odd: bool = False) -> li
         files=_loads_block(run.origin for row in fitted.joints for run in row.bins.runs),
     )
     if setup.kind == SCALED:
-        units = other_units(setups.robot, "position", "rad", fits=lambda size: abs(scale / size - 1.0) < UNIT_MATCH)
         size = number(setups.robot.log.conversion("position", 1).scale * scale, 3)
-        words = " or ".join(units) or f"position: {{column: ..., scale: {size}}} (a motor's turns, parts of a turn?)"
+        words = (
+            " or ".join(setups.units(setup))
+            or f"position: {{column: ..., scale: {size}}} (a motor's turns, parts of a turn?)"
+        )
         mend = f"put {words} into the recipe's log block"
         if is_odd or best.then < SURELY * best.now:
             return [LogError(setup.kind, text, mend=mend)]
@@ -294,8 +304,7 @@ def of_weight(at_joints: Mapping[int, JointPrediction]) -> list[Note]:
 
 def _body(robot: Robot, moves: bool) -> RigidBody:
     """Parameters that ask all that links can, under gravity of any direction: those of weight alone at rest."""
-    base = base_parameters(replace(robot, gravity=OBLIQUE))
-    counted = [{*numbers} for numbers in base.counted]
+    counted = [{*numbers} for numbers in base_parameters(replace(robot, gravity=OBLIQUE)).counted]
     counted[-1] |= {*range(WEIGHT)}  # by which another load tells
     kinds = range(len(PARAMETERS) if moves else WEIGHT)
     return RigidBody(robot, tuple(tuple(k for k in kinds if k in numbers) for numbers in counted))

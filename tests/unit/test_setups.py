@@ -68,17 +68,10 @@ def test_sound_logs_are_accused_of_nothing(tmp_path):
     assert "note[" not in told
 
 
-TURN = 2.0 * np.pi
-
-
-def in_turns(table, number):
-    """Positions and velocities in turns, as drives of direct motors tell them."""
-    return table.assign(**{name: table[name] / TURN for name in ("q1", "q2", "qd1", "qd2")})
-
-
 def test_positions_in_turns_are_refused_with_the_unit_that_reads_them(tmp_path):
     """No limit or velocity tells it, weight does; --trust takes them all the same."""
-    arm = spoilt(tmp_path / "arm", in_turns, None)
+    turned = ("q1", "q2", "qd1", "qd2")  # as drives of direct motors tell them
+    arm = spoilt(tmp_path / "arm", lambda table, _: table.assign(**{x: table[x] / (2.0 * np.pi) for x in turned}), None)
     refused = invoke("identify", str(arm / "logs"))
     assert refused.exit_code == 3 and "error[scale-wrong]" in refused.stderr and not refused.stdout
     trusted = invoke("identify", str(arm / "logs"), "--trust")
@@ -127,6 +120,8 @@ def test_friction_that_weight_would_have_to_take_away_shows_another_unit(tmp_pat
     refused = invoke("identify", str(written(tmp_path / "arm", lever, q / 5.0, drawn(0.1))))
     assert refused.exit_code == 3 and "error[scale-wrong]" in refused.stderr
     assert 4.8 < float(re.search(r"scale: ([0-9.]+)", refused.stderr)[1]) < 5.2
+    turns = invoke("identify", str(written(tmp_path / "turns", lever, q / (2.0 * np.pi), drawn(1.0))))
+    assert turns.exit_code == 3 and "units: {position: rev}" in turns.stderr
     assert invoke("identify", str(written(tmp_path / "right", lever, q, drawn(5.0)))).stderr.count("note[") == 0
 
 
