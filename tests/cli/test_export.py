@@ -33,10 +33,11 @@ def fitted(fitted, tmp_path_factory) -> Path:
 def test_files_say_what_is_not_in_them(arm, form):
     """Beside the model, or named with -o, they list what is left out and not determined; so does the document."""
     suffixes = SUFFIXES[form].split()
-    told = answer(f"export results/model.json --format {form} -o out{suffixes[0]}")
+    told = answer(f"export results/model.json --format {form} -o Out.1{suffixes[0]}")
     assert (told["kind"], told["form"]) == ("export", form)
-    assert told["files"] == [f"out{suffix}" for suffix in suffixes]
+    assert told["files"] == [f"Out.1{suffix}" for suffix in suffixes]
     texts = "".join(Path(name).read_text() for name in told["files"])
+    assert all(Path(name).is_file() for name in re.findall('#include "(.*)"', texts))
     assert all(lack["name"] in texts for lack in told["left_out"] + told["undetermined"])
     assert ("stribeck@2" in [lack["name"] for lack in told["left_out"]]) == (form in ("urdf", "mjcf"))
     done = run(*EXPORT, form)

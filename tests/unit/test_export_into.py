@@ -103,6 +103,9 @@ def test_armature_is_the_rotors_inertia():
     known = dict(zip(estimate.names, estimate.solution, strict=True))
     wanted = [known[f"rotor.j{n}"] * constants[n] for n in range(3, 7)]
     assert np.allclose(model.dof_armature[2:], wanted, rtol=WRITTEN) and model.dof_armature[0] == 0.5
+    before = export(estimate, robot, form="urdf", torque_constants=constants).files[".urdf"]
+    *_, rotors = export(estimate, robot, into=before, torque_constants=constants).left_out
+    assert re.findall(r"\(joint (\d)\)", rotors.reason) == ["3", "4", "5", "6"]
 
 
 def test_what_has_no_place_is_told_with_its_size():

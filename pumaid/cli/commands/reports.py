@@ -211,7 +211,10 @@ def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path
         return {output: next(iter(exported.files.values()))}
     file = output if output is not None and not output.is_dir() else (output or home) / exported.name
     bare = file.with_suffix("") if file.suffix in exported.files else file
-    return {bare.with_name(bare.name + suffix): text for suffix, text in exported.files.items()}
+    return {  # C includes its header by the model's name
+        bare.with_name(bare.name + suffix): text.replace(f'#include "{exported.name}.h"', f'#include "{bare.name}.h"')
+        for suffix, text in exported.files.items()
+    }
 
 
 @click.command()

@@ -145,6 +145,7 @@ def write_into(formulas: Formulas, text: str, name: str, *, given: Mapping[int, 
     for lack in formulas.undetermined:
         if match := re.match(r"(coulomb|viscous|rotor)\.j(\d+)", lack.name):
             values[int(match[2]) - 1, 2 if match[1] == "rotor" else slice(2)] = np.nan
+    beside = ", ".join(f"{value:.6g} (joint {k})" for k, value in enumerate(values[:, 2], start=1) if value > 0.0)
     # MuJoCo's damping may have higher powers of the speed, which a default would leave in place.
     powers = " 0 0" if re.search(r"""damping\s*=\s*["']\s*[^\s"']+\s+[^\s"']""", text) else ""
     for tag, number in sorted(_joints(formulas.robot, text, is_urdf), key=lambda pair: -pair[0].start()):
@@ -162,11 +163,7 @@ def write_into(formulas: Formulas, text: str, name: str, *, given: Mapping[int, 
         files={".urdf" if is_urdf else ".xml": text},
         left_out=(
             *_without_place(formulas, torques),
-            *(
-                [Lack("inertia of rotors", _BESIDE.format(numbers(np.nan_to_num(values[:, 2])).replace(" ", ", ")))]
-                if is_urdf and formulas.is_dynamic
-                else []
-            ),
+            *([Lack("inertia of rotors", _BESIDE.format(beside))] if is_urdf and beside else []),
         ),
         undetermined=formulas.undetermined,
         remarks=(*remarks, *cut),
