@@ -94,7 +94,7 @@ def reported() -> Iterator[None]:
             sys.stdout.flush()
     except (Exit, click.ClickException, click.Abort):
         raise
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # with which rich leaves where the reader has
         # Python's own last flush of standard output must not meet the broken pipe again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise Exit(EXIT_PIPE_CLOSED) from None

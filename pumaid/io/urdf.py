@@ -146,7 +146,7 @@ class UrdfFile:
                 (
                     not stated >= {joint.parent, joint.child},
                     f"is at link '{lost[:40]}', which is not there",
-                    meant(lost, self.links),
+                    meant(lost, names["link"]),
                 ),
                 (
                     self.carrier[joint.child] is not joint or joint.child not in self.links,

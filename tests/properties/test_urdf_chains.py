@@ -106,6 +106,7 @@ BROKEN: dict[str, str | bytes] = {
     "joint of an odd type": swapped('type="prismatic"', 'type="prismatc"'),
     "joint without a parent": swapped('<parent link="l0"/>', ""),
     "joint without a child": swapped('<child link="l1"/>', ""),
+    "child that is not there": swapped('<child link="l1"/>', '<child link="nowhere"/>'),
     "parent that is not there": swapped('<parent link="l0"/>', '<parent link="nowhere"/>'),
     "link without a name": swapped('<link name="l2">', "<link>"),
     "link twice": swapped('<link name="l2">', '<link name="l1"/><link name="l2">'),
@@ -135,4 +136,4 @@ def test_broken_files_are_refused(what: str, tmp_path: Path) -> None:
     """Each gets an error with its place and a way to mend it, exit code 3, and no recipe."""
     message = refused(BROKEN[what], tmp_path)
     assert message.count("error[") == message.count("  fix: ") == message.count("  at: ")
-    assert len(message) < 2000
+    assert len(message) < 2000 and "did you mean nowhere" not in message
