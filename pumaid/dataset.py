@@ -40,12 +40,6 @@ class Log:
     starts_clock: bool = False  # whether the clock starts anew here: samples before belong to another recording
     extra: Floats | None = None  # (N, E) columns that the user asked for besides, in the log's own units
 
-    def __post_init__(self) -> None:
-        shapes = {name: values.shape for name, values in arrays_of(self).items()}
-        expected = dict.fromkeys(("velocity", "current", "temperature"), self.position.shape)
-        if any(shape[0] != len(self.time) or shape != expected.get(name, shape) for name, shape in shapes.items()):
-            raise ValueError(f"shapes of a log's arrays do not agree: {shapes}")
-
     def __len__(self) -> int:
         return len(self.time)
 

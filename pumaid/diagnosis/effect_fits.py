@@ -55,6 +55,9 @@ class EffectFits:
         if noises is None and self._latest is not None and self._latest[0] == list(added):
             return self._latest[1]
         fitted = self._unsized(added, noises, beside)
+        if noises is None and added:
+            # Ratios that were bent by what is now in the model lead downhill to a wrong minimum.
+            fitted = fit_bins(fitted.model, [row.bins for row in fitted.rows], before=fitted)
         if noises is None or added:
             sized = [
                 term.searched(self.model.robot).at({}, fitted.sizes(place).tolist())
@@ -62,7 +65,7 @@ class EffectFits:
             ]
             model = self.model.with_effects(sized)
             fitted = refit(fitted, model, noise=noises or _noises(fitted))
-            if noises is None and any(term.needs_loads and term.effect.scope is not Scope.JOINT for term in added):
+            if any(term.needs_loads and term.effect.scope is Scope.ARM for term in added):
                 fitted = with_settled_loads(fitted)
         fitted = loaded(fitted)
         if noises is None:
@@ -88,8 +91,13 @@ class EffectFits:
     ) -> Fit:
         """A fit without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
         model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self.bins, [*added, *beside])
-        like = self._latest[1] if noises and self._latest else self._like
-        fitted = refit(self._first, model, bins=bins, noise=noises, like=like)
+        fitted = refit(
+            self._first,
+            model,
+            bins=bins,
+            noise=noises,
+            like=self._latest[1] if noises and self._latest else self._like,
+        )
         if noises is None:
             self._like = fitted
         return fitted

@@ -384,7 +384,9 @@ class Stepwise:
             )
             is_far = not is_mixed and chosen.log_odds - other.log_odds > DECISIVE
             is_elsewhere = chosen.after.keys().isdisjoint(other.after)
-            is_large = other.trial.statistic > LARGE * chosen.trial.statistic
+            is_large = other.trial.statistic > LARGE * chosen.trial.statistic or any(
+                error < chosen.after.get(joint, 0.0) for joint, error in other.after.items()
+            )
             if other.key == chosen.key or is_elsewhere or is_denied or (is_far and not is_large):
                 continue
             remaining = score_at(Projector(self.fits.where_it_shows(after, other.trial.added)), other.trial.added)

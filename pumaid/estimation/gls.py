@@ -260,7 +260,6 @@ def with_settled_loads(fitted: Fit) -> Fit:
     settled = _with_settled_loads(fitted)
     through = _through_loads(settled)
     out = _linearised(settled, through)
-    rows = {joint: out.by_bin[joint] for joint in through}
     return out.with_rows(
         {
             joint: replace(
@@ -268,7 +267,8 @@ def with_settled_loads(fitted: Fit) -> Fit:
                 bare=row.bare + through[joint],
                 jacobian=row.jacobian + row.noise.whiten(row.bins, through[joint]),
             )
-            for joint, row in rows.items()
+            for joint, row in out.by_bin.items()
+            if joint in through
         }
     )
 

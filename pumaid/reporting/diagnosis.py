@@ -306,10 +306,6 @@ def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
     """What limits the diagnosis, each sentence once with its joints."""
     joints = diagnosis.joints
     texts = [(item.joint, f"{text.rstrip('.')}.") for item in joints for text in item.weakened]
-    ends = [(_fastest(joint), robot.joint(joint.joint).position_unit, joint.joint) for joint in joints]
-    for unit, joint in ((unit, joint) for end, unit, joint in ends if end):
-        fastest, of = waves(min(end for end, of, _ in ends if end and of == unit), unit)
-        texts.append((joint, f"ripples of up to {fastest} {of} can be seen; slower motion shows faster ones."))
     return by_joint(texts, robot, count=len(joints))
 
 

@@ -271,11 +271,6 @@ def test_limits_of_a_diagnosis_are_said_once():
     alike = replace(diagnosis, joints=tuple(replace(joint, weakened=("no replicates",)) for joint in diagnosis.joints))
     assert weaknesses(alike, PUMA) == ["All joints: no replicates."]
     assert "Joints 2 (shoulder) and 6 (wrist3): one posture only." in weaknesses(diagnosis, PUMA)
-    limits = [(replace(Limit("ripple", 1, "cos", 0.01, "A"), up_to=fastest),) for fastest in (74.4, 900.0, 88.0)]
-    joints = [replace(joint, limits=limit) for joint, limit in zip(diagnosis.joints, limits, strict=False)]
-    slow = replace(diagnosis, joints=tuple(replace(joint, weakened=()) for joint in joints))
-    shown = "ripples of up to 74 waves a turn can be seen; slower motion shows faster ones."
-    assert weaknesses(slow, PUMA) == [f"Joints 1 (waist) and 3 (elbow): {shown}"]  # as much at each
     fourth = diagnosis.joints[3]  # no run is repeated
     assert "noise floor unknown" in text.floor_words(fourth)
 
