@@ -34,3 +34,14 @@ def held_by_mujoco(model: mujoco.MjModel, position: np.ndarray) -> np.ndarray:
         mujoco.mj_forward(model, data)
         out.append(data.qfrc_bias.copy())
     return np.array(out)
+
+
+def by_mujoco(model: mujoco.MjModel, motion) -> np.ndarray:
+    """(N, J) N m of inverse dynamics, without friction."""
+    out = []
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    model.dof_damping[:], data = 0.0, mujoco.MjData(model)
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*motion, strict=True):
+        mujoco.mj_inverse(model, data)
+        out.append(data.qfrc_inverse.copy())
+    return np.array(out)

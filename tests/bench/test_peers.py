@@ -2,24 +2,12 @@
 
 import csv
 
-import mujoco
 import numpy as np
 import peers
 import pytest
+from engines import by_mujoco
 
 from pumaid.simulation.mujoco_engine import specification
-
-
-def by_engine(truth, position, velocity, acceleration):
-    """(N, J) N m of the true arm: MuJoCo's rigid bodies, and friction."""
-    model = specification(truth).compile()
-    data, out = mujoco.MjData(model), np.zeros_like(position)
-    for row in range(len(position)):
-        data.qpos[:], data.qvel[:] = position[row], velocity[row]
-        mujoco.mj_forward(model, data)
-        mujoco.mj_mulM(model, data, out[row], acceleration[row])
-        out[row] += data.qfrc_bias
-    return out + truth.friction.currents(velocity) / truth.gain
 
 
 def test_every_tool_is_told_of_one_arm_and_one_log(tmp_path, monkeypatch):
@@ -43,7 +31,8 @@ def test_every_tool_is_told_of_one_arm_and_one_log(tmp_path, monkeypatch):
             before = table[j - 1]
             assert [float(before["a"]), angles[before["alpha"]]] == pytest.approx([joint.a, joint.alpha], abs=1e-12)
     other = dict(np.load(folder / "other.npz"))
-    whole = by_engine(truth, *(other[name] for name in ("position", "velocity", "acceleration")))
+    motion = [other[name] for name in ("position", "velocity", "acceleration")]
+    whole = by_mujoco(specification(truth).compile(), motion) + truth.friction.currents(motion[1]) / truth.gain
     wrong = peers.mistaken(folder, 0.1, 0.2)
     share = np.load(wrong / "log.npz")["torque"][0] / log["torque"][0]
     assert np.all((np.abs(share - 1.0) >= 0.1) & (np.abs(share - 1.0) <= 0.2))

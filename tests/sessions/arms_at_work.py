@@ -97,13 +97,3 @@ def moves(rng: np.random.Generator, middle: np.ndarray, count: int, step: float)
         parts += [at + (to - at) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.tile(to, (round(0.2 / step), 1))]
         at = to
     return np.concatenate(parts)[:count]
-
-
-def weight(model: mujoco.MjModel, position: np.ndarray) -> np.ndarray:
-    """(N, J) N m that hold the arm still at `position` (N, J)."""
-    data, out = mujoco.MjData(model), []
-    for row in position:
-        data.qpos[:], data.qvel[:] = row, 0.0
-        mujoco.mj_forward(model, data)
-        out.append(data.qfrc_bias.copy())
-    return np.array(out)

@@ -15,8 +15,9 @@ import device_logs
 import mujoco
 import numpy as np
 import pytest
-from arms_at_work import of_urdf, ur5e, weight, worked
+from arms_at_work import of_urdf, ur5e, worked
 from command import run, shell
+from engines import held_by_mujoco
 
 #: What a person takes, s: a key, an answer that is read, a block that is pasted into a file.
 KEY, ANSWER, PASTE = 0.3, 15.0, 15.0
@@ -67,7 +68,7 @@ class Session:
         words = ("--recipe", recipe, "--format", "python", "-o", self.folder / "arm.py")
         run("export", self.folder / "results" / "model.json", *words)
         q = np.random.default_rng(9).uniform(-1.5, 1.5, (200, len(gain)))
-        true = weight(model, q) * gain
+        true = held_by_mujoco(model, q) * gain
         left = runpy.run_path(str(self.folder / "arm.py"))["gravity"](q) - true
         assert np.sqrt(np.mean(left**2)) < 0.02 * np.sqrt(np.mean(true**2))
 

@@ -10,6 +10,7 @@ from worlds import PENDULUM
 from pumaid.diagnosis.detection_limits import detection_limits
 from pumaid.diagnosis.diagnose import DiagnosisBuilder
 from pumaid.diagnosis.stepwise import Stepwise
+from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.simulation import Hidden
 
 DIN = Din(spread=0.01, correlation=0.6, level=0.006)
@@ -82,6 +83,20 @@ def test_a_gear_that_ripples_with_and_without_load():
         hidden = [Hidden(name, 1, {**values, "frequency": 23.0}) for name, values in both.items()]
         search = searched(Lab.of(PENDULUM, PLAN, *hidden, bins=128), SEEDS[0]).search
         assert {item.key for item in search.accepted} == {("ripple", 1), ("load_ripple", 1)}
+
+
+@pytest.mark.parametrize(
+    ("arm", "effect", "joint", "seed"),
+    [("puma560", "spring", 4, 242), ("panda", "spring", 4, 13), ("ur5e", "tilt", None, 231)],
+)
+def test_a_large_effect_is_named_and_nothing_else(arm, effect, joint, seed):
+    """It bends weights and ratios of gains, which scores follow to first order only: refits decide."""
+    robot = read_recipe(shipped_recipes()[arm])
+    plan = design(robot, postures=3, speeds=(0.3, 0.6, 1.2), reach=1.2, seed=seed)
+    lab = Lab.of(robot, plan, Hidden(effect, joint), seed=seed)
+    search = Stepwise(lab.model, lab.noisy(seed, Din(spread=0.005, correlation=0.6, level=0.003)))
+    search.run()
+    assert [item.key for item in search.accepted] == [(effect, joint)]
 
 
 def test_friction_without_a_jump_is_smooth_and_no_stribeck():

@@ -136,17 +136,6 @@ def test_json(name: str):
     assert np.shape(document["bodies"]) == (robot.n_joints, 11)
 
 
-def by_mujoco(model: "mujoco.MjModel", motion) -> np.ndarray:
-    """(N, J) N m of inverse dynamics, without friction."""
-    out = []
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    model.dof_damping[:], data = 0.0, mujoco.MjData(model)
-    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*motion, strict=True):
-        mujoco.mj_inverse(model, data)
-        out.append(data.qfrc_inverse.copy())
-    return np.array(out)
-
-
 def by_pinocchio(found, gravity: float, motion) -> np.ndarray:
     """(N, J) N m of inverse dynamics of an exported URDF, with the rotors that its head tells."""
     model = pin.buildModelFromXML(found.files[".urdf"])
@@ -174,7 +163,7 @@ def test_bodies_have_the_loads_of_the_model(name: str):
         wanted[:, 0] += 0.5 * (values["coulomb.j1.plus"] + values["coulomb.j1.minus"])
     wanted = wanted * [*constants.values()]
     mjcf, urdf = (export(estimate, robot, form=form, torque_constants=constants) for form in ("mjcf", "urdf"))
-    assert off(by_mujoco(mujoco.MjModel.from_xml_string(mjcf.files[".xml"]), motion), wanted) < 1e-8
+    assert off(engines.by_mujoco(mujoco.MjModel.from_xml_string(mjcf.files[".xml"]), motion), wanted) < 1e-8
     assert off(by_pinocchio(urdf, np.linalg.norm(robot.gravity), motion), wanted) < 1e-8
     assert [text for text in mjcf.remarks if "of all possible links" in text]
     assert not [text for text in mjcf.remarks if "RMS" in text]
@@ -195,8 +184,8 @@ def test_bodies_of_an_arm_at_work_move_as_it_does(seconds: float):
     size = np.array([[np.pi], *([[joint.max_velocity * k] for joint in robot.joints[:1] for k in (1.0, 2.5)])])
     motion = rng.uniform(-1.0, 1.0, (3, 2000, 6)) * size[:, :, None]
     told = loads(robot, estimate, motion)
-    asked = by_mujoco(model, motion) / model.actuator_gear[:, 0]
-    true = by_mujoco(RigidArm(truth, step=0.001).model, motion) * truth.gain
+    asked = engines.by_mujoco(model, motion) / model.actuator_gear[:, 0]
+    true = engines.by_mujoco(RigidArm(truth, step=0.001).model, motion) * truth.gain
     rms = [np.sqrt(np.mean((a - b) ** 2, axis=0)) for a, b in ((told, true), (asked, true), (asked, told), (true, 0))]
     assert (rms[1] < 1.1 * rms[0]).all() and (rms[1] < 0.1 * rms[3]).all()
     moved = [float(text.split()[5]) for text in found.remarks if "RMS" in text] / np.abs(model.actuator_gear[:, 0])
