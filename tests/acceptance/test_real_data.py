@@ -247,13 +247,17 @@ def test_couplings_of_part_of_a_tx40_are_fitted(scratch):
 
 
 def test_load_friction_of_a_double_pendulum_at_work(scratch):
-    """It, or its square beside it, is named on both joints, and nothing else; others measured 0.065 to 0.069."""
+    """It, or its square beside it, is named on both joints; others measured 0.065 to 0.069. Nothing else but a delay.
+
+    By least squares without the package currents of joint 2, 10 to 15 ms later, leave a tenth less in each recording.
+    """
     place = real.experiment(scratch / "dfki", "pendulum2", real.files(real.PENDULUM))
     ratio = real.parameters(real.run(place, "identify")[1])["gain_ratio.1.2"]
     assert ratio["value"] == pytest.approx(1.0, abs=0.1) and ratio["std_error"] < 0.03
-    findings = real.run(place, "diagnose")[1]["findings"]
-    assert [finding["joint"] for finding in findings] == [1, 2]
-    assert all("load_friction" in (finding["effect"], *finding["rivals"]) for finding in findings)
+    *loads, delay = real.run(place, "diagnose")[1]["findings"]
+    assert [finding["joint"] for finding in loads] == [1, 2]
+    assert all("load_friction" in (finding["effect"], *finding["rivals"]) for finding in loads)
+    assert (delay["effect"], delay["joint"]) == ("delay", 2) and -0.015 < delay["sizes"][0]["value"] < -0.007
     sums = real.run(place, "identify", "--add", "load_friction@1")[1]["combinations"]
     both = next(entry for entry in sums if "load_friction.j1.drive" in entry["terms"])
     assert both["value"] == pytest.approx(0.067, abs=0.006)
