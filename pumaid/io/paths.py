@@ -142,7 +142,9 @@ def chosen_logs(pattern: str, names: Sequence[str]) -> list[str]:
             "heldout-nothing",
             f"no log that was read is {pattern}",
             Where(file=pattern),
-            meant(Path(pattern).name, [Path(name).name for name in names]),
+            f"name it among the logs, too, as in LOGS... {pattern} --heldout {pattern}"
+            if real.exists()
+            else meant(Path(pattern).name, [Path(name).name for name in names]),
         )
     return chosen
 

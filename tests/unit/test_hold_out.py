@@ -144,3 +144,5 @@ def test_files_are_named_as_users_do(pattern, expected):
     with pytest.raises(LogError) as refused:
         chosen_logs("logs/day1/bb.csv", NAMES)
     assert refused.value.slug == "heldout-nothing" and "b.csv" in refused.value.mend
+    with pytest.raises(LogError, match="name it among the logs, too"):
+        chosen_logs(__file__, NAMES)
