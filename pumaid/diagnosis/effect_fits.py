@@ -9,7 +9,7 @@ import numpy as np
 from pumaid.dataset import FirstMotions, Run
 from pumaid.diagnosis.candidates import settling
 from pumaid.effect_spec import EffectTerm, marked
-from pumaid.effects import Scope
+from pumaid.effects import Family, Scope
 from pumaid.estimation.fit import Fit, at_bins, loaded, with_loads
 from pumaid.estimation.gls import fit_bins, refit, with_settled_loads
 from pumaid.estimation.noise import NoiseModel, noise_of
@@ -65,7 +65,8 @@ class EffectFits:
             ]
             model = self.model.with_effects(sized)
             fitted = refit(fitted, model, noise=noises or _noises(fitted))
-            if any(term.needs_loads and term.effect.scope is Scope.ARM for term in added):
+            # A tilt gives a load to joints that had none, by ratios that nothing else shows.
+            if any((term.effect.family, term.effect.scope) == (Family.GRAVITY, Scope.ARM) for term in added):
                 fitted = with_settled_loads(fitted)
         fitted = loaded(fitted)
         if noises is None:
