@@ -103,10 +103,10 @@ class Arm:
         """The robot of the recipe."""
         return Experiment(recipe=self._recipe).robot
 
-    def dataset(self, logs: Logs | None = None, *, heldout: Iterable[str] = (), trust: bool = False) -> Dataset:
+    def dataset(self, logs: Logs | None = None, *, heldout: Logs = (), trust: bool = False) -> Dataset:
         """The runs of some logs, by default of the folder's ``logs``; `results/dataset.npz` is used where it is theirs.
 
-        `heldout` are logs whose runs are kept for judging, or ``"posture"``; `trust` takes logs that look wrong.
+        `heldout` are logs whose runs are kept for judging; `trust` takes logs that look wrong.
         """
         return self._experiment(logs, heldout=heldout, trust=trust).dataset()
 
@@ -114,7 +114,7 @@ class Arm:
         self,
         logs: Logs | None = None,
         *,
-        add: Iterable[str] = (),
+        add: str | Sequence[str] = (),
         recursive: bool = False,
         trust: bool = False,
         **options: Any,
@@ -125,9 +125,14 @@ class Arm:
         `trust` takes logs that look wrong, `options` is `heldout` as of `dataset`.
         """
         experiment = self._experiment(logs, trust=trust, **options)
-        effects = chosen_by(experiment.robot, add)
         dataset = experiment.dataset()
-        estimate = fitting.identify(dataset, experiment.robot, effects=effects, recursive=recursive, trust=trust)
+        estimate = fitting.identify(
+            dataset,
+            experiment.robot,
+            effects=chosen_by(experiment.robot, _texts(add)),
+            recursive=recursive,
+            trust=trust,
+        )
         return Identified(estimate, experiment.robot, dataset, arm=self)
 
     def model(self, path: str | PathLike[str] | None = None, *, logs: Logs | None = None) -> Identified:
@@ -136,10 +141,19 @@ class Arm:
         estimate = experiment.model(Path(path or (self.folder or Path()) / MODEL))
         return Identified(estimate, experiment.robot, experiment.dataset(), arm=self)
 
-    def _experiment(self, logs: Logs | None, *, heldout: Iterable[str] = (), trust: bool = False) -> Experiment:
-        logs = (self.folder or Path()) / LOGS if logs is None else logs
-        names = (str(logs),) if isinstance(logs, str | PathLike) else tuple(map(str, logs))
-        return Experiment(names, self._recipe, is_kept=False, heldout=tuple(heldout), trust=trust)
+    def _experiment(self, logs: Logs | None, *, heldout: Logs = (), trust: bool = False) -> Experiment:
+        return Experiment(
+            _texts((self.folder or Path()) / LOGS if logs is None else logs),
+            self._recipe,
+            is_kept=False,
+            heldout=_texts(heldout),
+            trust=trust,
+        )
+
+
+def _texts(given: Logs) -> tuple[str, ...]:
+    """Several texts or paths, or a single one."""
+    return (str(given),) if isinstance(given, str | PathLike) else tuple(map(str, given))
 
 
 class Answer:

@@ -68,7 +68,7 @@ def test_a_saved_model_is_the_command_lines(estimate, arm, tmp_path):
 
 def test_effects_are_added_as_on_the_command_line(arm):
     """``add`` takes the words of --add; a wrong one is refused with the nearest right one."""
-    assert "ripple.j2.cos" in {one.name for one in arm.identify(add=["ripple@2:frequency=27"]).values}
+    assert "ripple.j2.cos" in {one.name for one in arm.identify(add="ripple@2:frequency=27").values}
     with pytest.raises(pumaid.ModelError, match="stribeck"):
         arm.identify(add=["stribek@2"])
     with pytest.raises(pumaid.PumaidError):
