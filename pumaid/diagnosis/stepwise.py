@@ -461,9 +461,10 @@ class Stepwise:
         return next((item.transfer for item in self.denied if _is_among(term, [item.trial.added])), None)
 
     def _exchange(self, new: int = 0) -> None:
-        """Look at additions before so many `new` ones again, now that these are in: drop it, or put a better one there.
+        """Look at additions again, now that so many `new` ones are in: drop it, or put a better one there.
 
-        Not at one in whose joints what is left has hardly moved since it was looked at.
+        Not at a single new one, which was chosen beside all others, nor at one in whose joints what is left has hardly
+        moved since it was looked at.
         """
         chances, latest = self.steps[-1].family, self.added[len(self.added) - new :]
         for current in self.added[len(self.given) :]:

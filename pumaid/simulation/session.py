@@ -75,8 +75,8 @@ def simulate(
             mend=f"give a rate of {SLOWEST:g} to {FASTEST:g} Hz",
         )
     held = [motion.hold for motion in plan.motions] if plan.trajectory is None else plan.trajectory.position
-    if any(len(posture) != robot.n_joints for posture in held):
-        what = f"the plan is for {len(held[0])} joints; {robot.name} has {robot.n_joints}"
+    if wrong := {len(posture) for posture in held} - {robot.n_joints}:
+        what = f"the plan is for {min(wrong)} joints; {robot.name} has {robot.n_joints}"
         raise ModelError("plan-misfit", what, mend="take a plan made for this robot: pumaid plan")
     truth = draw(robot, seed) if truth is None else truth
     return _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature).logs(
