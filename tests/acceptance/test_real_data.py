@@ -265,6 +265,9 @@ def test_load_friction_of_a_double_pendulum_at_work(scratch):
     of_load = [entry for entry in sums if entry["text"].startswith("load_friction") and entry["std_error"] < 0.1]
     each = [entry["value"] for entry in of_load]
     assert each == pytest.approx([0.07, 0.07], abs=0.012)
+    recipe = place / "recipe.yaml"
+    recipe.write_text(recipe.read_text().replace("theta: -90", "theta: 0"))  # its zero where the arm does not hang
+    assert "gravity-wrong" in str(real.run(place, "identify")[1]["notes"])
 
 
 def test_one_speed_of_a_bare_motor_gives_one_sum(scratch):

@@ -21,7 +21,7 @@ UPSIDE = ("alpha: 90,", "alpha: 0,")
 CASES = {
     "joints changed places": ("order-wrong", "joints 2, 1 ",
         lambda table, number: table.rename(columns=lambda name: name.translate(str.maketrans("12", "21"))), None),
-    "first axis vertical": ("gravity-wrong", "alpha of the first joint", None, UPSIDE),
+    "first axis vertical": ("gravity-wrong", "alpha and zero of the first joint", None, UPSIDE),
     "300 degrees to a turn": ("scale-wrong", "1.20 times", lambda table, number: fewer(table), None),
 }  # fmt: skip
 
