@@ -414,8 +414,7 @@ class ContinuousDesign:
             counts *= total / np.sum(counts * part.seconds)
         self.counts = np.zeros(len(candidates))
         self.counts[active] = counts
-        information = candidates.information(self.counts)
-        rate = candidates.products(criterion.slope(information)) / candidates.seconds
+        rate = candidates.products(criterion.slope(candidates.information(self.counts))) / candidates.seconds
         self.worth = rate / float(rate.max())
 
 

@@ -73,8 +73,7 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
         if effect.periodic
         for joint in shares
     }
-    reasons = untold | dict(scan.candidates.excluded)
-    return {key: Limit(*key, "", None, "", why) for key, why in reasons.items()} | out
+    return {key: Limit(*key, "", None, "", why) for key, why in (untold | dict(scan.candidates.excluded)).items()} | out
 
 
 def _size(test: ScoreTest, family: SignFlips, scan: ScoreTable, *, fall: float) -> float:

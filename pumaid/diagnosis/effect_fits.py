@@ -80,9 +80,7 @@ class EffectFits:
     def where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
         """A fit with the finest bins of the joint of a fast wave, the noise there beside this; else as it is."""
         bins = next((fine for coarse, fine in zip(*self.bins, strict=True) if _is_fast(term, coarse)), None)
-        if bins is None:
-            return solved
-        return with_noise_beside(solved, bins, term)
+        return solved if bins is None else with_noise_beside(solved, bins, term)
 
     def _unsized(
         self,

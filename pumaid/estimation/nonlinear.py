@@ -107,8 +107,7 @@ class ShapeLikelihood:
     def linear(self, reach: Floats) -> Floats:
         """(p, 2) ends of the linear parameters' intervals, (p,) standard errors wide: the envelope at all shapes."""
         values = np.array([refit.values for _, refit in self.path])
-        errors = np.array([np.linalg.norm(refit.half, axis=1) for _, refit in self.path])
-        return self._envelope(values, errors, reach)
+        return self._envelope(values, np.array([np.linalg.norm(refit.half, axis=1) for _, refit in self.path]), reach)
 
     def others(self, reach: Floats) -> Floats:
         """(P, 2) the same of all that was fitted before, parameters and ratios."""

@@ -76,8 +76,7 @@ def bodies(formulas: Formulas, given: Mapping[int, float] | None) -> Bodies:
     masses, centres = _links(robot, wanted, carried=carried)
     parameters = _balls(masses, centres, (3.0 * masses / (4.0 * np.pi * DENSITY)) ** (1.0 / 3.0))
     if formulas.is_dynamic:
-        balls = _balls(masses, centres, REACH)
-        parameters, message, weighs = _with_inertia(formulas, torques, balls, carried=carried)
+        parameters, message, weighs = _with_inertia(formulas, torques, _balls(masses, centres, REACH), carried=carried)
         remarks.append(message)
         hidden = hidden if weighs else [UNTOLD.format(joint) for joint in minimal(robot).embodied]
     friction, damping, cut = friction_torques(formulas, torques)

@@ -1,5 +1,7 @@
 """Integers that were read as if they had no sign, or whose sign is a bit: told by where a signal's values lie."""
 
+import math
+
 import numpy as np
 
 from pumaid.maths import Counts, Floats
@@ -26,6 +28,8 @@ MISREAD = {
 
 #: rad or m, and a second, beyond which a position leaps, and samples to either side by which it is told how it moved.
 JUMP, LEAP, BESIDE = 1.0, 50.0, 8
+#: rad or m, and usual steps, that a position strays at least where it leaps away and back.
+ASTRAY, USUAL = 0.2, 20.0
 #: rad/s2 or m/s2; no arm turns back so suddenly. Share by which speeds before and after may differ.
 SUDDEN, ALIKE = 200.0, 0.1
 
@@ -84,3 +88,22 @@ def leaps(time: Floats, position: Floats, slow: float) -> dict[str, float]:
     jumped = size[is_leap]
     sums = {"jump_sum": float(jumped.sum()), "jump_squares": float(jumped @ jumped)}
     return sums | {"jumps": float(len(jumped)), "bounces": float(np.count_nonzero(is_sudden))}
+
+
+def strays(time: Floats, position: Floats) -> dict[str, float]:
+    """How often (N,) positions leap to a number and back, but for whole turns, ``strays``; and the least, ``stray``.
+
+    A leap is faster than any arm, and many times a usual step, which an encoder's flicker is not.
+    """
+    step = np.diff(position)
+    size = np.abs(step)
+    far = size > np.maximum(ASTRAY, LEAP * np.diff(time))
+    far &= np.abs(size - math.tau * np.round(size / math.tau)) > ASTRAY
+    leap = np.flatnonzero(far & (size > USUAL * np.median(size[size > 0.0]))) if far.any() else np.zeros(0, np.int64)
+    away, back = leap[:-1], leap[1:]
+    # Meanwhile it stands still, and it comes back to where a motion can have led.
+    changes, way = np.cumsum(step != 0.0), np.abs(position[back + 1] - position[away])
+    is_stray = (step[away] * step[back] < 0.0) & (changes[back] - changes[away] == 1)
+    is_stray &= way < LEAP * (time[back + 1] - time[away])
+    places = position[back[is_stray]]
+    return {"strays": float(len(places)), "stray": float(places.min(initial=np.inf))}

@@ -249,11 +249,15 @@ POSITION_CHECKS = (
     Check("sign-lost", _first(lambda j: j.jump, mend=position_counts),
           "the position of joint {joint}{alike} jumps by {j.jump:.5g} {j.joint.position_unit} {j.jumps:.0f} times "
           "while it moves on: the encoder's range is no turn in this unit, or a sign was lost", "{mend}", fault=True),
-    Check("units-disagree", _first(lambda j: j.is_impossible and not j.jump, mend=position_counts),
+    Check("bad-samples", _first(lambda j: j.strays and not j.jump),
+          "the position of joint {joint}{alike} leaps away and back faster than any arm, to {j.stray:.5g} for one "
+          "(leaps: {j.strays:.0f}): where it was lost, another number was written",
+          "leave lost positions empty; their rows are left out, up to one in twenty", fault=True),
+    Check("units-disagree", _first(lambda j: j.is_impossible and not (j.jump or j.strays), mend=position_counts),
           "positions of joint {joint}{alike} run from {j.span}, where no joint can be: counts of an encoder, or in "
           "another unit", "{mend}", fault=True),
     Check("sign-lost", _first(lambda j: j.bounces >= JUMPS and max(j.lowest, -j.highest) >= 0.0
-                              and not (j.jump or j.is_impossible)),
+                              and not (j.jump or j.is_impossible or j.strays)),
           "the position of joint {joint}{alike} turns back at zero at full speed, {j.bounces:.0f} times: its sign was "
           "lost", "write positions with their sign", fault=True),
 )  # fmt: skip

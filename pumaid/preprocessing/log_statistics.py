@@ -9,7 +9,7 @@ import numpy as np
 
 from pumaid.dataset import Log, finite_means
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.preprocessing.encodings import CLASSES, leaps, size_counts
+from pumaid.preprocessing.encodings import CLASSES, leaps, size_counts, strays
 from pumaid.robot import Robot
 
 #: s; displacements and mean currents are taken over windows of this: encoder noise averages out, a stroke has many.
@@ -28,7 +28,9 @@ VELOCITIES, OFTEN = 0.5, 0.3
 FLAT = 3
 #: Totals of which the least or the largest of two parts counts, and what they begin with; all others add up from 0.
 EXTREMES: dict[str, tuple[np.ufunc, float]] = {
-    **dict.fromkeys(("lowest", "least_current", "least_negative", "least_step", "least_change"), (np.fmin, math.inf)),
+    **dict.fromkeys(
+        ("lowest", "least_current", "least_negative", "least_step", "least_change", "stray"), (np.fmin, math.inf)
+    ),
     **dict.fromkeys(("highest", "most_current"), (np.fmax, -math.inf)),
 }
 #: Totals of each joint.
@@ -36,6 +38,7 @@ TOTALS = (
     *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
     *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
     *("ahead", "least_negative", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
+    *("strays", "stray"),
 )
 
 
@@ -52,7 +55,8 @@ class LogStatistics:
         neighbours while moving, those with the ``same`` current, windows in which all are, ``flat``, and ``zeros``
         while moving, in windows with other currents; windows moved ``ahead``; the ``least_negative`` size below zero
         and the ``least_change`` (A) of currents, and (J, C) counts of their ``sizes`` while moving; ``jumps`` of
-        positions that move on, their ``jump_sum`` and ``jump_squares``, and ``bounces`` at zero; ``products`` (2J, 2J)
+        positions that move on, their ``jump_sum`` and ``jump_squares``, ``bounces`` at zero, and ``strays``, leaps to a
+        number and back, with the least, ``stray``; ``products`` (2J, 2J)
         over windows of displacements and integrated velocity columns; ``copied``, ``compared`` (J, J) windows in which
         the mean currents of two joints are the same and not zero, and that have both.
     alone
@@ -137,6 +141,7 @@ class LogStatistics:
         joints = np.flatnonzero(moves.any(axis=0)).tolist()
         for j in joints:
             self._add(j, **leaps(log.time, log.position[:, j], SLOW[self.robot.joints[j].kind]))
+            self._add(j, **strays(log.time, log.position[:, j]))
             self._add_steps(j, log.position[:, j], moves[:, j], starts)
             self._add_currents(j, log.current[:, j], moves[:, j], starts)
         if joints:
@@ -148,8 +153,9 @@ class LogStatistics:
         step[starts] = np.nan  # from another window
         often = moves & (_counts(step == 0.0, starts) >= OFTEN * counts)
         steps = step[(step > 0.0) & np.repeat(often, counts)]
-        least = steps.min(initial=math.inf)
-        self._add(j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=least)
+        self._add(
+            j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=steps.min(initial=math.inf)
+        )
 
     def _add_currents(self, j: int, current: Floats, moves: Flags, starts: Counts) -> None:
         """Add extremes, repeats and zeros of a joint's (N,) currents where they are measured while it `moves`, (W,)."""

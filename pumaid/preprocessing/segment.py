@@ -167,9 +167,8 @@ def _lead(stretch: Stretch, before: Piece, run: Run) -> float:
     """What the joint of a run had travelled (rad or m) while it sped up, in the piece before; 0 if unknown."""
     if before.is_run or before.joints != (run.joint,):
         return 0.0
-    part = slice(before.start, before.stop)
     # From the farthest that the ramp reaches back.
-    back = run.direction * (run.span[0] - stretch.log.position[part, run.joint - 1])
+    back = run.direction * (run.span[0] - stretch.log.position[slice(before.start, before.stop), run.joint - 1])
     return max(float(back.max()), 0.0)
 
 

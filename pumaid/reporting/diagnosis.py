@@ -271,7 +271,8 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
         if joint.rmse is None:
             text = "never moved alone in these logs, so not diagnosed."
         elif joint.verdict == ADEQUATE:
-            faster = "; of ripples only those up to the limit below" if _fastest(joint) else ""
+            is_coarse = any(limit.up_to and limit.up_to < FASTEST for limit in joint.limits)
+            faster = "; of ripples only those up to the limit below" if is_coarse else ""
             text = f"nothing is missing that these data can show{faster}."
         elif diagnosis.findings and joint.noise_floor is not None and joint.rmse <= AT_FLOOR * joint.noise_floor:
             text = "RMSE at the noise floor, but the findings above act there too."
@@ -295,11 +296,6 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
 def waves(up_to: float, unit: str) -> tuple[str, str]:
     """A frequency in rad per rad or m as a number of waves, and of what: ``74``, ``waves a turn``."""
     return (number(up_to, 2), "waves a turn") if unit == "rad" else (number(up_to / math.tau, 2), "waves a m")
-
-
-def _fastest(joint: JointDiagnosis) -> float:
-    """Frequency of the fastest ripple that a joint's runs can show; 0 where faster ones than usual are seen."""
-    return max((limit.up_to for limit in joint.limits if limit.up_to and limit.up_to < FASTEST), default=0.0)
 
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:

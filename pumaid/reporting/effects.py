@@ -248,8 +248,9 @@ def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Sample
     by_joint, slopes = np.outer(np.cos(angle), LOADS), np.column_stack([slope, slope])
     tilts = np.column_stack([0.0 * full, -slope])  # the axes point along -y
     drawn, rubs = signals.get("predicted current", load), np.ones((2, 2, 2))
-    rate = slope * velocity[:, joint - 1]
-    loads = Loads(load, by_joint, slopes, tilts, np.abs(load), drawn, rate, size / LOADS, rubs)
+    loads = Loads(
+        load, by_joint, slopes, tilts, np.abs(load), drawn, slope * velocity[:, joint - 1], size / LOADS, rubs
+    )
     more = {name: signals[name] for name in ("acceleration", "time", "travel", "temperature")}
     ways, run = way * full, 0.0 * full
     return Samples(joint, position, velocity, direction=ways, elapsed=signals["time"], run=run, loads=loads, **more)

@@ -60,9 +60,7 @@ def plain(value: Any) -> Any:
         parts = {item.name: getattr(value, item.name) for item in fields(value)}
         parts |= {"shape": worded(parts["shape"])} if isinstance(parts.get("shape"), Mapping) else {}
         return {names.get(name, name): plain(part) for name, part in parts.items()}
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    return [plain(item) for item in value]
+    return plain(value.tolist()) if hasattr(value, "tolist") else [plain(item) for item in value]
 
 
 def as_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:

@@ -228,8 +228,7 @@ def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
 
 def _ladder(group: Sequence[Rung], main: Rung) -> Ladder:
     last = group[-1].estimate
-    parts = zip(_APART, group[-1].key, main.key, strict=True)
-    apart = next((name for name, part, other in parts if part != other), "")
+    apart = next((name for name, part, other in zip(_APART, group[-1].key, main.key, strict=True) if part != other), "")
     return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(group), apart)
 
 

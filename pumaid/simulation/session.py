@@ -190,8 +190,7 @@ class _Session:
         self._arm.place(self._movements[0].start)
         self._controller.start(self._arm.reading, self._arm.load + 0.8 * settled * truth.coulomb)
         held = [motion.hold for motion in plan.motions] if plan.trajectory is None else plan.trajectory.position
-        weight = truth.gravity_current(np.array(held, dtype=float))
-        self._usual = np.sqrt(np.mean(weight**2, axis=0)) + truth.coulomb
+        self._usual = np.sqrt(np.mean(truth.gravity_current(np.array(held, dtype=float)) ** 2, axis=0)) + truth.coulomb
 
     def logs(self, runs_per_file: int, *, has_velocity: bool) -> Iterator[Log]:
         """Samples of one movement after the other; `origin` names the file."""
