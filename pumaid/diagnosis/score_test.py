@@ -311,8 +311,7 @@ def surprise_together(statistics: Sequence[Floats], widths: Sequence[int]) -> Fl
 
     What the joint that shows most tells is left out, so that no joint stands for all.
     """
-    remaining = np.asarray(np.sum(statistics, axis=0) - np.max(statistics, axis=0))
-    return minus_log10_p(remaining, sum(widths) - max(widths))
+    return minus_log10_p(np.sum(statistics, axis=0) - np.max(statistics, axis=0), sum(widths) - max(widths))
 
 
 def alike(scores: Floats) -> float:

@@ -84,12 +84,6 @@ def test_what_stands_there_is_kept_unless_forced(arm):
     compile(run(*EXPORT, "python", "-o", "-").stdout, "arm.py", "exec")
 
 
-def _can(text: str) -> bool:
-    """Whether this machine has what a block needs."""
-    needs = {"gcc": "gcc", "octave": "octave-cli"}
-    return all(shutil.which(program) for word, program in needs.items() if word in text)
-
-
 def test_the_page_runs_as_printed(arm, monkeypatch):
     """Every block of docs/export.md, in order: files are written where their first line says, lines are typed."""
     (arm / "bin").mkdir()
@@ -102,7 +96,7 @@ def test_the_page_runs_as_printed(arm, monkeypatch):
     for language, text in BLOCKS:
         if found := re.match(r"\W+ (\w+\.\w+)", text):
             Path(found[1]).write_text(text, encoding="utf-8")
-        elif language == "sh" and _can(text):
+        elif language == "sh" and all(shutil.which(name) for name in ("gcc", "octave-cli") if name in text):
             done = subprocess.run(["bash", "-euc", text], capture_output=True, text=True, check=False)
             assert done.returncode == 0, (text, done.stdout, done.stderr)
             ran.append(done.stdout)

@@ -37,12 +37,6 @@ HEAVY_PLAN = Plan(
 )
 
 
-@cache
-def plain_session() -> dict[str, np.ndarray]:
-    """The session of the arm that hides nothing."""
-    return session(PUMA, rate=RATE)
-
-
 def ideal(robot: Robot, plan: Plan, step: float = 0.01) -> ArmState:
     """The plan's motions one after the other every `step` s, each after a rest, made to the letter."""
     parts, first, clock = [], np.full(robot.n_joints, np.nan), 0.0
@@ -202,7 +196,10 @@ def test_side_load_is_the_moment_across():
 
 def test_delay_stamps_the_current_late():
     """The delayed joint's current is that of some samples before, row by row; other joints' is not."""
-    plain, late = plain_session(), session(replace(PUMA, hidden=(Hidden("delay", 2, {"dt": 0.05}),)), rate=RATE)
+    plain, late = (
+        session(PUMA, rate=RATE),
+        session(replace(PUMA, hidden=(Hidden("delay", 2, {"dt": 0.05}),)), rate=RATE),
+    )
     assert late["current"][5:, 1] == pytest.approx(plain["current"][:-5, 1], abs=1e-9)
     assert np.array_equal(late["current"][:, 0], plain["current"][:, 0])
     assert np.array_equal(late["position"], plain["position"])

@@ -67,7 +67,9 @@ class Dialect:
         numbers: list[int] = []
         for number, line in enumerate(io.StringIO(text, newline=None)):
             lines.append(line)
-            if not line.startswith(_COMMENT) and _is_numeric(line):
+            words = re.split(r"[;,\t| \"\[\]()]+", line.strip(' "\r\n[]()'))
+            is_numeric = sum(bool(NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
+            if is_numeric and not line.startswith(_COMMENT):
                 numbers.append(number)
             if len(numbers) == _PROBE_ROWS:
                 break
@@ -283,11 +285,6 @@ def _joint_states(row: Sequence[str]) -> tuple[str, ...]:
     texts = [f"text{k}" for k in range(count)]
     numbers = [f"{name}/{what}" for what in ("position", "velocity", "effort")[:groups] for name in row[3 : 3 + count]]
     return ("sec", "nanosec", "frame", *texts, *numbers)
-
-
-def _is_numeric(line: str) -> bool:
-    words = re.split(r"[;,\t| \"\[\]()]+", line.strip(' "\r\n[]()'))
-    return sum(bool(NUMBER.fullmatch(word)) for word in words) > 0.5 * len(words)
 
 
 def _delimiter(lines: list[str]) -> str:
