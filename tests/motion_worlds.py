@@ -95,13 +95,6 @@ def robot(world: World) -> Robot:
     return Robot("oracle", tuple(Joint(n + 1, f"j{n + 1}", kind, alpha=-1.5 * (n % 2)) for n in range(world.joints)))
 
 
-def _ramp(world: World, start: float, end: float) -> np.ndarray:
-    duration = abs(end - start) / world.acceleration * (1.5 if world.ramp == "cosine" else 1.0)
-    size = max(2, round(duration * FINE))
-    x = (np.arange(size) + 0.5) / size
-    return start + (end - start) * (x if world.ramp == "linear" else 0.5 - 0.5 * np.cos(np.pi * x))
-
-
 def _leg(world: World, speed: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Velocity on the fine grid, and where it is a run."""
     if world.strokes:
@@ -110,7 +103,10 @@ def _leg(world: World, speed: float, rng: np.random.Generator) -> tuple[np.ndarr
     velocity, is_run = [], []
 
     def ramp(start: float, end: float) -> None:
-        velocity.append(_ramp(world, start, end))
+        duration = abs(end - start) / world.acceleration * (1.5 if world.ramp == "cosine" else 1.0)
+        size = max(2, round(duration * FINE))
+        x = (np.arange(size) + 0.5) / size
+        velocity.append(start + (end - start) * (x if world.ramp == "linear" else 0.5 - 0.5 * np.cos(np.pi * x)))
         is_run.append(np.zeros(len(velocity[-1]), bool))
 
     def hold(speed: float) -> None:

@@ -370,16 +370,21 @@ class Stepwise:
         """Those which these data cannot tell from `chosen`, which is `terms[place]`; all were judged on one fit.
 
         A rival predicts runs that were left out, has nothing left to explain once `chosen` is in, and is not decisively
-        less likely. In one posture load and position change together: how exact either law is decides there, and of
-        laws of the other family the likeliest.
+        less likely. In one posture load and position change together, and the load of a rotor and link that turn as one
+        is not exact: how exact either law is decides there, and of laws of the other family the likeliest.
         """
         out, after = list[tuple[EvaluatedCandidate, bool]](), self.fits.solved(terms)
+        row, rotor = chosen.on.by_bin.get(chosen.key[1] or 0), f"rotor.j{chosen.key[1]}"
+        # Of an inner joint's inertia no motion shows which is its rotor's, that no gear bears.
+        is_load_inexact = row is not None and bool(
+            len(row.bins.postures) == 1 or (row.bins.is_block.any() and rotor not in chosen.on.model.names)
+        )
         for other in evaluated:
             is_denied = other.transfer is not None and other.transfer.is_denied
             is_mixed = (
                 {x.trial.added.effect.family for x in (chosen, other)} == {Family.LOAD, Family.POSITION}
                 and other.key[1] == chosen.key[1]
-                and len(chosen.on.by_bin[chosen.key[1] or 0].bins.postures) == 1
+                and is_load_inexact
                 and other.trial.statistic > ALMOST * chosen.trial.statistic
             )
             is_far = not is_mixed and chosen.log_odds - other.log_odds > DECISIVE

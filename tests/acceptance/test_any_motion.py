@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from free_motion import RATE, TICKS, picks, reach, recorded, waves
+from free_motion import RATE, TICKS, loaded, picks, reach, recorded, waves
 
 from pumaid.dataset import Log
 from pumaid.diagnosis.compare import compare
@@ -78,6 +78,16 @@ def test_stribeck_friction_is_named_where_waves_repeat():
     dataset = segment([recorded(truth, waves(rng, 70.0, reach(robot)), rng, counts=2e4)], robot)
     findings = diagnose(identify(dataset, robot), dataset, robot).findings
     assert [(finding.effect, finding.joint) for finding in findings] == [("stribeck", 2)]
+
+
+def test_a_law_of_the_load_is_named_where_no_motion_tells_the_rotor():
+    """Of an inner joint's inertia its gear bears the link's, not the rotor's: a law of position may fit as well."""
+    robot = read_recipe(shipped_recipes()["puma560"])
+    truth = loaded(draw(robot, 6000), 1.5).hiding([Hidden("load_friction", 2, {"drive": 0.0244, "back": 0.0162})])
+    wanted = waves(np.random.default_rng(6000), 60.0, reach(robot))
+    dataset = segment([recorded(truth, wanted, np.random.default_rng(6000), counts=2e4)], robot)
+    (finding,) = diagnose(identify(dataset, robot), dataset, robot).findings
+    assert finding.joint == 2 and "load_friction" in (finding.effect, *finding.rivals)
 
 
 def test_currents_that_lag_are_named_so_at_the_joints_that_show_it():

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from blind_world.arms import KINDS, Arm
+from blind_world.arms import KINDS
 from blind_world.busy import DESIGNS, disturbed, draw_effects
 from blind_world.effects import CATALOGUE, OUTSIDE
 from blind_world.hidden import Hidden, Strokes, Unfit, applied, sized
@@ -102,17 +102,12 @@ def drawn(case: Case) -> Experiment:
 
 def _sized(case: Case, name: str, world: World, oracle: Oracle, rng: np.random.Generator) -> tuple[Hidden, float]:
     build, reasons = {**CATALOGUE, **OUTSIDE}[name], Counter[str]()
-    for joint in _joints(name, world.arm, rng):
+    # Each joint is tried twice with other shapes; an effect of the whole arm has no joint of its own.
+    rounds = 0 if name in WHOLE else DRAWS // world.arm.n
+    for joint in [int(joint) for _ in range(rounds) for joint in rng.permutation(world.arm.n)] or [0, 0, 0]:
         try:
             hidden = build(Strokes(world, joint), rng)
             return hidden, sized(world, oracle, hidden, case.size)[0]
         except Unfit as why:
             reasons[str(why)] += 1
     raise Unfit("; ".join(f"{why} ({count})" for why, count in sorted(reasons.items())))
-
-
-def _joints(name: str, arm: Arm, rng: np.random.Generator) -> list[int]:
-    """Joints to be tried, each twice with other shapes; an effect of the whole arm has none of its own."""
-    if name in WHOLE:
-        return [0, 0, 0]
-    return [int(joint) for _ in range(DRAWS // arm.n) for joint in rng.permutation(arm.n)]
