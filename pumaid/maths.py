@@ -372,8 +372,7 @@ def fit_bilinear(
         return np.concatenate([small.left(at[:p], gains.with_ratios(at[p:])), held @ (middle - at)])
 
     def step(at: Floats, off: Floats) -> LeastSquares:
-        jacobian = small.jacobian(gains.with_ratios(at[p:]), at[:p])
-        return least_squares(np.vstack([jacobian, held]), off, limit=limit)
+        return least_squares(np.vstack([small.jacobian(gains.with_ratios(at[p:]), at[:p]), held]), off, limit=limit)
 
     off, linear = residual(theta), None
     for _ in range(most_steps):

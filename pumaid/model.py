@@ -431,8 +431,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     moments = across_axes[0] * constants[:, :1] + across_axes[1] * constants[:, 1:]
     if not turns.all():
         moments = np.where(turns[:, None], moments, (robot.displacements(samples.position) * weights)[..., None] * z)
-    counted = np.where(heavy[None, :], np.triu(scales), 0.0)
-    elsewhere = np.einsum("mkp,mkp->mk", levers, counted @ moments)
+    elsewhere = np.einsum("mkp,mkp->mk", levers, np.where(heavy[None, :], np.triu(scales), 0.0) @ moments)
     elsewhere[:, ~turns] = (-(z @ g) * weights)[:, ~turns]
     ratios = np.nan_to_num(scales[i])
     parts = moments * ratios[None, :, None]

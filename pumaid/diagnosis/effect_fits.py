@@ -63,8 +63,7 @@ class EffectFits:
                 term.searched(self.model.robot).at({}, fitted.sizes(place).tolist())
                 for place, term in enumerate(fitted.model.effects)
             ]
-            model = self.model.with_effects(sized)
-            fitted = refit(fitted, model, noise=noises or _noises(fitted))
+            fitted = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
             # A tilt gives a load to joints that had none, by ratios that nothing else shows.
             if any((term.effect.family, term.effect.scope) == (Family.GRAVITY, Scope.ARM) for term in added):
                 fitted = with_settled_loads(fitted)

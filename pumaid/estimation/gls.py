@@ -392,8 +392,7 @@ def priors(model: Model, limit: Floats, *, is_tight: bool = True) -> Floats:
     """
     places = [None if column.place is None else model.effects[column.place].held for column in model.columns]
     at_bound = [held is not None and column.shape in held for column, held in zip(model.columns, places, strict=True)]
-    firm = np.where(at_bound, TIGHT if is_tight else 1.0, 1.0)
-    return np.array([held is not None for held in places]) * firm / limit
+    return np.array([held is not None for held in places]) * np.where(at_bound, TIGHT if is_tight else 1.0, 1.0) / limit
 
 
 def system_of(rows: Sequence[Row], noises: Mapping[int, NoiseModel], owners: Counts) -> Bilinear:

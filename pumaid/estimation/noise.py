@@ -281,8 +281,7 @@ def estimate(ones: Floats, design: Floats, target: Floats, *, counts: Counts) ->
         info, cross, square = shrunk[:, :-1, :-1], shrunk[:, :-1, -1], shrunk[:, -1, -1]
         explained = np.sum(cross * np.linalg.solve(info, cross[:, :, None])[:, :, 0], axis=1)
         sample = np.maximum(square - explained, 1e-30 * gram[-1, -1] + 1e-300) / freedoms
-        cost = freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1]
-        return cost, sample
+        return freedoms * np.log(sample) + np.sum(np.log1p(stretch), axis=1) + np.linalg.slogdet(info)[1], sample
 
     centre = -np.log(np.median(length2[length2 > 0])) if (length2 > 0).any() else 0.0
     low, high = lowest, highest = centre + LOWEST, centre + HIGHEST

@@ -120,8 +120,9 @@ class Table:
                 yield Text("")
             part = self.columns(chosen)
             shown = [k for k in range(1, len(chosen)) if k not in part.words] or range(len(chosen))
-            rows = [row for row in part.cells if any(row[k].text for k in shown)]
-            yield replace(part, rows=rows)._drawn(stacked=True)
+            yield replace(part, rows=[row for row in part.cells if any(row[k].text for k in shown)])._drawn(
+                stacked=True
+            )
 
     def _drawn(self, *, stacked: bool, widest: int | None = None) -> RichTable:
         """The table for the terminal; `stacked` words are wrapped, at the width `widest` where that is given."""
