@@ -436,8 +436,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     ratios = np.nan_to_num(scales[i])
     parts = moments * ratios[None, :, None]
     parts[:, :i] = 0.0
-    h = parts.sum(axis=1)
-    load = np.einsum("mk,mk->m", levers[:, i], h) if turns[i] else elsewhere[:, i]
+    load = np.einsum("mk,mk->m", levers[:, i], parts.sum(axis=1)) if turns[i] else elsewhere[:, i]
     slopes = _slopes(i, z=z, levers=levers, parts=parts, weights=weights * ratios, g=g, turns=turns)
     turned = [np.cross(g, axis) for axis in np.eye(3)[:2]]
     felt = np.einsum("mjk,j->mk", moments, felt_ratios(heavy, scales, i))

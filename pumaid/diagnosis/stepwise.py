@@ -273,8 +273,7 @@ class Stepwise:
         solved, projector = table.solved, Projector(table.solved)
         for name, tests in table.shared().items():
             statistics = [np.array(test.statistic / solved.scale) for test in tests]
-            widths = [test.width for test in tests]
-            chance = chances.p_value((name, None), float(surprise_together(statistics, widths)))
+            chance = chances.p_value((name, None), float(surprise_together(statistics, [test.width for test in tests])))
             members = [refine_shape(projector, test) for test in tests if chance <= LEVEL]
             members = [test for test in members if test.sizes.any() and not drives(solved, test)]
             if len(members) < FEWEST_JOINTS:

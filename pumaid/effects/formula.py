@@ -172,8 +172,7 @@ def _unit_body(robot: Robot, samples: Samples) -> Floats:
         return np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
 
     moved = np.diff(np.delete(samples.position, i, axis=1), axis=0).any(axis=1)
-    stops = np.append(np.flatnonzero(moved) + 1, len(samples))
-    return swept(samples, np.diff(stops, prepend=0), table, turns=turns)
+    return swept(samples, np.diff(np.flatnonzero(moved) + 1, prepend=0, append=len(samples)), table, turns=turns)
 
 
 def _way(robot: Robot, samples: Samples, owner: int) -> Floats:

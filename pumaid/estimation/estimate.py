@@ -40,6 +40,8 @@ SEEN = 1e-3
 #: A file is an outlier if its RMSE under a fit to the others exceeds theirs by this factor; the fit needs so many runs,
 #: which show a direction of the parameters if they have this share of what they and the file tell of it.
 FEWEST, DISOWNED, SHOWN = 8, 4.0, 0.25
+#: What stands for the file of a current that is 0, and the share of a joint's bins from which it is looked at.
+UNPOWERED, OFF = "samples without current", 0.02
 #: Multiple of the median run's RMSE that makes a run an outlier, the chance that any run of a joint is by noise, and
 #: share of the runs that may be: more are another matter.
 ODD, FAMILYWISE, MOST_ODD = 5.0, 1e-3, 0.2
@@ -278,6 +280,8 @@ def notes_on(
     odd = list(of_offsets(fitted, estimate.values))
     joints = dict.fromkeys(note.where.joint or 0 for note in (*missed, *odd))
     causes = of_setups(fitted, list(joints), is_odd=bool(odd))
+    # An arm that swings freely has no current, and witnesses another setup.
+    missed = [item for item in missed if isinstance(item, Note) or not causes]
     yield from (*frictionless, *causes, *odd, *of_counts(fitted), *of_weight(at_joints), *wrong_signs, *missed)
     uncoupled = list(of_ratios(estimate.values, robot))
     yield from uncoupled
@@ -328,7 +332,7 @@ def of_offsets(fitted: Fit, values: Sequence[Value]) -> Iterator[Note]:
             yield _note("offset-odd", Where(joint=joint), offset=float(offset), largest=largest)
 
 
-def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
+def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[LogError | Note]:
     """A note for each joint whose current the model does not explain, with the file that is to blame if one is.
 
     Noise is what is left of each run by its own harmonic, or the noise floor if that is less.
@@ -343,6 +347,13 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
         if misses <= max(far * noise, SEEN * math.sqrt(row.bins.mean_square)):
             continue
         name, evidence = _outlier_file(row, system.design)
+        if name == UNPOWERED:
+            what = (
+                f"the current of joint {joint.joint} is exactly 0 for a while in which it moves, and there {evidence}:"
+                " it was not measured, or the motor was off and something else moved the arm"
+            )
+            yield LogError("current-dropouts", what, Where(joint=joint.joint), "leave these currents empty")
+            continue
         kind = "logs-disagree" if name else "model-misses"
         level = f"noise floor {number(floor)}" if 0.0 < floor < misses else f"noise inside runs {number(noise)}"
         facts = {"misses": misses, "level": level, "file": name, "evidence": evidence}
@@ -351,14 +362,15 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[Note]:
 
 def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
     """The file with the largest error under a fit to all other runs, and what shows it."""
-    origins, bins, suspects = np.array([run.origin for run in row.bins.runs]), row.bins, list[tuple[float, str, str]]()
+    bins, suspects = row.bins, list[tuple[float, str, str]]()
+    is_off = (bins.current == 0.0) & (np.mean(bins.current == 0.0) > OFF)
+    origins = np.where(is_off, UNPOWERED, np.array([run.origin for run in bins.runs])[bins.run])
 
-    def error(judged: Flags, fitted: Flags, misfit: Floats = row.misfit) -> float:
-        """RMSE (A) of some runs (R,) once the corrections that other runs show are taken out.
+    def error(target: Flags, source: Flags, misfit: Floats = row.misfit) -> float:
+        """RMSE (A) of some bins (N,) once the corrections that others show are taken out.
 
         What these hardly show beside the former stays as both have it together: it would be guessed.
         """
-        source, target = fitted[bins.run], judged[bins.run]
         given, sought = (design[rows].T @ (bins.count[rows, None] * design[rows]) for rows in (source, target))
         half = inverse_root(given + sought)
         shares, vectors = np.linalg.eigh(half.T @ given @ half)
@@ -369,21 +381,23 @@ def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
 
     for name in dict.fromkeys(origins.tolist()):
         rest = origins != name
-        if np.count_nonzero(rest) < FEWEST:
+        runs = np.unique(bins.run[rest])
+        if len(runs) < FEWEST:
             continue
         # The rest is judged by halves, each by a fit to the other, so that noise gains nothing; neighbouring runs go to
         # and fro, and pairs of them keep both directions in each half.
-        first = rest & np.isin(np.cumsum(rest) % 4, (0, 1))
+        first = rest & np.isin(bins.run, runs[np.isin(np.arange(1, len(runs) + 1) % 4, (0, 1))])
         second = rest & ~first
         usual = float(np.hypot(error(first, second), error(second, first)) / np.sqrt(2.0))
         missed = error(~rest, rest)
         why = f"its runs have {number(missed)} A RMS under a fit to the others, which have {number(usual)} A"
         # The misfit of the file with the other sign: what is drawn is that less the current twice.
-        turned = error(~rest, rest, row.misfit - 2.0 * bins.current * (~rest)[bins.run])
-        if turned < DISOWNED * usual:
+        turned = error(~rest, rest, row.misfit - 2.0 * bins.current * ~rest)
+        if turned < min(missed, DISOWNED * usual):
             why += f", and {number(turned)} A with its sign turned: its current has the other sign there"
         # What a fit of its own leaves of the file, too, the model lacks everywhere.
-        suspects += [(missed / usual, name, why)] if missed > DISOWNED * max(usual, error(~rest, ~rest)) else []
+        least = max(usual, error(~rest, ~rest)) * (FAR if name == UNPOWERED else DISOWNED)
+        suspects += [(missed / usual, name, why)] if missed > least else []
     return max(suspects, default=(0.0, None, ""))[1:]
 
 

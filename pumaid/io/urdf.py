@@ -392,8 +392,9 @@ def _joint_lines(path: Sequence[UrdfJoint]) -> tuple[list[str], list[Note]]:
         lacking["speed"] += [] if has_speed else [name + _as_stated((speed,), fastest, f"{unit}/s")]
         lacking["gear_ratio"] += [] if gear == "1" else [f"{name} (its actuator's gear is {gear})"]
         lacking["name"] += [] if is_name else [f"{name} ({joint.name!r})"]
-        is_weak = _attribute(joint.element, "limit", "effort", "1").strip("0.") == ""
-        lacking["effort (without use here)"] += [name] * is_weak
+        lacking["effort (without use here)"] += [name] * (
+            not _attribute(joint.element, "limit", "effort", "1").strip("0.")
+        )
         frame = np.eye(4)
     text = "; ".join(f"{what} of {listed(several)}" for what, several in lacking.items() if several)
     text = f"the file lacks, or has impossible, {text}. Put the arm's own into the recipe, or plans take usual ones"

@@ -95,8 +95,7 @@ def pairs(runs: Sequence[Run]) -> list[Pair]:
         for later in repeats:
             b = _OrderedBins(later, turns=float(_turns(first.span, later.span)), smooth=a.smooth)
             more, square = _difference(a, b)
-            variance = 0.5 * (more**2 + square) + _inside(a, b)
-            out.append(Pair(first, later, more, variance, later is repeats[-1]))
+            out.append(Pair(first, later, more, 0.5 * (more**2 + square) + _inside(a, b), later is repeats[-1]))
     return out
 
 
@@ -161,8 +160,7 @@ def _inside(a: _OrderedBins, b: _OrderedBins) -> float:
 
     What the slope adds to the first harmonic's is squared as a product of both runs', whose noise is independent.
     """
-    counts = int(a.count.sum()) + int(b.count.sum())
-    variance = float(a.variance @ a.count + b.variance @ b.count) / counts
+    variance = float(a.variance @ a.count + b.variance @ b.count) / float(a.count.sum() + b.count.sum())
     if len(a.q) < 2 or len(b.q) < 2:
         return variance
     width, smooth = np.gradient(b.q), b.smooth

@@ -234,8 +234,12 @@ def worst_runs_table(comparison: Comparison, robot: Robot, *, count: int = 5, un
     for rank, score in enumerate(worst, start=1):
         run, mark = score.run, marked(marks, score.reason)
         scale, unit = in_unit(f"{robot.joint(run.joint).position_unit}/s", units)
-        speed = f"{number(run.speed * scale, 3)} {unit}"
-        where = [joint_label(robot, run.joint), names[run.origin], run_time(run), speed]
+        where = [
+            joint_label(robot, run.joint),
+            names[run.origin],
+            run_time(run),
+            f"{number(run.speed * scale, 3)} {unit}",
+        ]
         rmse = Cell(number(score.rmse, 3), mark=mark, tone="unknown" if mark else "")
         posture = posture_text(robot, run.posture.tolist(), units)
         rows.append([str(rank), *where, rmse, amount(score.bias, beside=score.rmse), posture])

@@ -11,6 +11,7 @@ from free_motion import RATE, TICKS, loaded, picks, reach, recorded, waves
 from pumaid.dataset import Log
 from pumaid.diagnosis.compare import compare
 from pumaid.diagnosis.diagnose import diagnose
+from pumaid.errors import PumaidError
 from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
@@ -108,7 +109,7 @@ def test_no_ripple_of_the_load_where_goals_jerk():
     assert diagnose(identify(dataset, robot), dataset, robot).findings == ()
 
 
-def test_a_clock_or_a_zero_that_is_off_is_told():
+def test_a_clock_a_zero_or_motors_that_are_off_are_told():
     """Where inertia, weight and friction contradict each other, a note says so; of the sound log there is none."""
     truth, log = worked("puma560", "picks", 31)
     shifted = log.position.copy()
@@ -117,6 +118,9 @@ def test_a_clock_or_a_zero_that_is_off_is_told():
     for spoilt in (replace(log, time=1.3 * log.time), replace(log, position=shifted)):
         notes = identify(segment([spoilt], truth.robot), truth.robot).notes
         assert {note.slug for note in notes} == {"model-misses"}
+    unpowered = replace(log, current=np.where(log.time[:, None] < 45.0, log.current, 0.0))
+    with pytest.raises(PumaidError, match="is exactly 0 for a while"):
+        identify(segment([unpowered], truth.robot), truth.robot)
 
 
 def test_a_length_that_motion_contradicts_is_told_with_what_fits():
