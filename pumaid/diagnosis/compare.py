@@ -386,10 +386,8 @@ class _Decomposition:
     def _cause(self, name: str, joint: Joint, mean_square: float) -> BudgetPart:
         portions = sorted((item for item in self.taken if item.key[0] == name), key=lambda item: -item.square)
         tried = [item.chance for item in portions] or [chance for key, chance in self.chance.items() if key[0] == name]
-        cycles = tuple(
-            item.frequency / (1.0 if joint.is_revolute else 2.0 * np.pi) for item in portions if item.frequency
-        )
-        gearing = joint.gear_ratio if joint.is_revolute else None
+        turn, gearing = (1.0, joint.gear_ratio) if joint.is_revolute else (2.0 * np.pi, None)
+        cycles = tuple(item.frequency / turn for item in portions if item.frequency)
         return BudgetPart(
             name=name,
             mean_square=mean_square,

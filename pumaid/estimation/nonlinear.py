@@ -196,8 +196,7 @@ def _grid(projector: Projector, term: EffectTerm, covered: Extent) -> list[Point
     where = np.round((q - float(q.min())) / step).astype(np.int64)
     size = 2 ** int(np.ceil(np.log2((where.max() + 1) * PERIOD)))
     spectrum = np.abs(np.fft.rfft(np.bincount(where, weights=row.bins.count * row.misfit, minlength=size))) ** 2
-    at = np.round(frequencies * step * size / (2.0 * np.pi)).astype(np.int64)
-    power = spectrum[np.minimum(at, len(spectrum) - 1)]
+    power = np.interp(np.round(frequencies * step * size / (2.0 * np.pi)), np.arange(len(spectrum)), spectrum)
     return [points[k] for k in sorted(np.argsort(-power, kind="stable")[:SHORTLIST])]
 
 

@@ -306,6 +306,10 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
     return runs
 
 
+#: What a part of a cell counts beside the cell where motion is fitted to cells: enough where these hardly show it.
+FAINT = 1e-4
+
+
 def _blocks(bins: Bins, joint: int, parts: Floats, edges: Floats) -> list[Bins]:
     """Of M cells those with a current, in blocks that `edges` (s) part, with (M, k, 2) `parts` in the same motion."""
 
@@ -320,10 +324,12 @@ def _blocks(bins: Bins, joint: int, parts: Floats, edges: Floats) -> list[Bins]:
     split = np.split(np.arange(len(rows)), np.searchsorted(inner.time, edges))
     if k == 1:
         return [chosen(inner, part) for part in split]
-    cells = regressors(inner)
-    values = pseudo_inverse(cells.T @ cells)[0] @ (cells.T @ inner.current)
-    drawn = regressors(finer(replace(bins, parts=table.reshape(-1, 3)), joint)) @ values
-    missed, table = (parts[..., 0] - drawn.reshape(-1, k))[rows], table[rows]
+    cells, fine = regressors(inner), regressors(finer(replace(bins, parts=table.reshape(-1, 3)), joint))
+    fine = fine.reshape(len(bins), -1)[rows].reshape(-1, cells.shape[1])
+    # What cells hardly show, as where few joints move, they would fit to noise: there the parts tell it.
+    square, slope = cells.T @ cells + FAINT * (fine.T @ fine), cells.T @ inner.current
+    values = pseudo_inverse(square)[0] @ (slope + FAINT * (fine.T @ parts[rows, :, 0].ravel()))
+    missed, table = parts[rows, :, 0] - (fine @ values).reshape(-1, k), table[rows]
     # Polynomials end where blocks do, as at a gap.
     apart = np.ptp(inner.time) * np.searchsorted(edges, inner.time, side="right")
     design = regressors(finer(replace(inner, time=inner.time + apart, parts=table.reshape(-1, 3)), joint))

@@ -63,14 +63,12 @@ def test_every_sample_is_kept_or_rejected_once(seed):
     """Rows of runs and rejects cover the log without overlap, whatever is wrong with it."""
     rng = np.random.default_rng(seed)
     world = World(motions=6, twitch=seed % 2 == 0, gap=True, files=2, rate=200.0)
-    logs = [_spoilt(log, rng) for log in make(world, seed).logs]
+    logs = []
+    for log in make(world, seed).logs:
+        position, current = log.position.copy(), log.current.copy()
+        position[rng.integers(0, len(log), 5), 0] = [np.nan, np.inf, 1e298, -1e300, np.nan]
+        current[rng.integers(0, len(log), 40)] = np.nan
+        logs.append(replace(log, position=position, current=current))
     dataset = segment(logs, robot(world), options=SegmentOptions(window=2048 if seed % 3 else 10**6))
     kept = sum(run.samples for run in dataset.runs)
     assert kept + sum(reject.samples for reject in dataset.rejects) == sum(len(log) for log in logs)
-
-
-def _spoilt(log: Log, rng: np.random.Generator) -> Log:
-    position, current = log.position.copy(), log.current.copy()
-    position[rng.integers(0, len(log), 5), 0] = [np.nan, np.inf, 1e298, -1e300, np.nan]
-    current[rng.integers(0, len(log), 40)] = np.nan
-    return replace(log, position=position, current=current)

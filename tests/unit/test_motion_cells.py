@@ -82,17 +82,6 @@ def test_coarse_encoders_get_longer_cells(counts, low, high):
     assert noise < 0.01
 
 
-def test_cells_last_as_long_as_asked():
-    """What the user asks for overrules what the encoder needs."""
-    t, (q, *_) = fourier(np.random.default_rng(5), 2, SECONDS, RATE)
-    log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
-    robot = read_recipe(shipped_recipes()["pendulum2"])
-    for cell, wanted in ((None, SHORTEST_CELL), (0.06, 0.06)):
-        runs = segment([log], robot, options=SegmentOptions(cell=cell)).runs
-        assert {run.kind for run in runs} == {"block"}
-        assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(wanted, rel=1e-9)
-
-
 @pytest.mark.parametrize("finest", [(), (1,)])
 def test_ripples_are_promised_up_to_half_of_their_power(finest):
     """At the frequency up to which the limit of ripples holds, half of a wave's power is left in cells, or parts."""
@@ -171,11 +160,26 @@ def test_cells_and_their_parts_have_one_mean_square():
     slow = np.random.default_rng(66).normal(0.0, 0.3, log.current.shape)
     noise = np.apply_along_axis(np.convolve, 0, slow, np.full(9, 1.0 / 3.0), mode="same")
     runs = segment([replace(log, current=log.current + noise)], robot, options=SegmentOptions(cell=0.06)).runs
+    assert np.median(np.diff(runs[0].bins.time)) == pytest.approx(0.06, rel=1e-9)
     fitted = fit_bins(Model.of_runs(robot, runs), joint_bins(robot, runs))
     for finest in ((), (1, 2)):
         for bins in joint_bins(robot, runs, finest=finest):
             square = np.average(bins.squares(fitted.misfit(bins)), weights=bins.count)
             assert np.sqrt(square) == pytest.approx(np.hypot(0.1, 0.3), rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [60, 80, 101, 164])
+def test_cells_of_short_moves_of_few_joints_scatter_by_their_noise(seed):
+    """Cells show few directions of motion there, and parts of cells others, to which nothing may be fitted blindly."""
+    rng, time, q = np.random.default_rng(seed), np.arange(900) / 100.0, np.tile([0.3, -1.2, 1, 0.4, 0.5, 0.2], (900, 1))
+    for start in (0.3, 3.3, 6.3):
+        s, moving = np.clip((time - start) / 2.3, 0.0, 1.0), rng.choice(6, rng.integers(2, 4), replace=False)
+        ramps = np.minimum(s, 1.0 - s) ** 2 * 8.0 / 3.0
+        course = np.select([s < 0.25, s < 0.75], [ramps, (4.0 * s - 0.5) / 3.0], 1.0 - ramps)
+        q[:, moving] += course[:, None] * rng.uniform(-0.8, 0.8, len(moving))
+    log = Log("a.csv", np.arange(900) + 2, time, np.rint(q * 1e5) / 1e5, None, rng.normal(0.0, 0.05, q.shape))
+    runs = segment([log], read_recipe(shipped_recipes()["ur5e"])).runs
+    assert max(np.sqrt(run.bins.variance.mean()) for run in runs if run.kind == "block") < 1.5 * 0.05
 
 
 @pytest.mark.parametrize(("seconds", "kinds"), [(40.0, {"block"}), (6.0, set())])
