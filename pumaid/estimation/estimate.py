@@ -97,7 +97,7 @@ TEXTS = {
     "sign-odd": "{name} is {sign} ({size}) although friction shows that the two currents have {same}. Check"
     " signs in the DH table, of the position columns and of gravity",
     "sign-odd, inertia": "inertia of joint {joint} comes out below zero ({size}, by the sign of its friction): its"
-    " current or position is late or smoothed",
+    " current or position is late or smoothed, or its position is in another unit",
     "length-wrong": "the motion contradicts the length {name} of joint {joint}, {length} m in the recipe: {fits}"
     "{beside}. Until it is right, ratios, inertia and friction are off by more than their errors; physics that 'pumaid"
     " diagnose' names may look like it",
@@ -582,7 +582,7 @@ def of_signs(values: Sequence[Value], of_speed: Collection[int | None] = ()) -> 
                 yield _note("sign-odd", where, name=value.name, sign=sign, size=size, same=same)
         if value.name.startswith("torque_constant") and size * ways.get(joint, 0.0) < -SURELY * error:
             yield _note("sign-odd, load", where, name=value.name, size=shown)
-        if value.name.startswith("inertia.j") and size * ways.get(joint, 0.0) < -NEGATIVE * error:
+        if value.name.startswith(("inertia.j", "rotor.j")) and size * ways.get(joint, 0.0) < -NEGATIVE * error:
             yield _note("sign-odd, inertia", where, size=shown)
         friction = sizes.get(f"coulomb.j{joint}.plus", 0.0) - sizes.get(f"coulomb.j{joint}.minus", 0.0)
         is_sure = value.ci95 is not None and not value.ci95[0] <= 0.0 <= value.ci95[1]

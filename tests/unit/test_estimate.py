@@ -439,8 +439,8 @@ def value(name: str, size: float, error: float) -> Value:
         ("gain_ratio.1.2", (1, -1), -0.5, False),
         ("inertia.j1.J", (1, 1), 0.3, False),
         ("inertia.j1.J", (1, 1), -0.3, True),
-        ("inertia.j1.J", (-1, 1), -0.3, False),
-        ("inertia.j1.J", (-1, 1), 0.3, True),
+        ("rotor.j1", (-1, 1), -0.3, False),
+        ("rotor.j1", (-1, 1), 0.3, True),
     ],
 )
 def test_what_has_the_other_sign_than_friction_is_told(name, ways, size, is_odd):
