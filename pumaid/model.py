@@ -312,9 +312,8 @@ class Model:
         """(2, J, 2) Coulomb (A) and viscous friction (A s/rad or A s/m) of each joint, forward and backward."""
         joints, ways = range(1, self.robot.n_joints + 1), ("plus", "minus")
         names = itertools.product(("coulomb", "viscous"), joints, ways)
-        return solution[[self.names.index(f"{effect}.j{joint}.{way}") for effect, joint, way in names]].reshape(
-            2, -1, 2
-        )
+        places = [self.names.index(f"{effect}.j{joint}.{way}") for effect, joint, way in names]
+        return solution[places].reshape(2, -1, 2)
 
     def friction(self, samples: Samples, solution: Floats) -> Floats:
         """(M,) A that the moving joint draws by the paper's model beside its load; `solution` (p,) are parameters."""
@@ -392,25 +391,11 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
         # The gear does not bear the rotor's inertia, which is in the motor's current.
         torque, whole = (bins.rigid_body @ part[model.inertial] for part in (weights * model.is_geared, weights))
         of_blocks = np.repeat([torque, bins.rates(whole)], times, axis=1)
-        slopes = np.where(np.isfinite(of_blocks[:1]).T, _slopes_in_motion(model, bins, samples, weights), slopes)
         moving, rate = np.where(np.isfinite(of_blocks), of_blocks, [moving, rate])
     if model.scaled:
         moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)
     drawn, rubs = moving + model.friction(samples, solution), model.rubs(solution)
     return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, rate, gains, rubs)
-
-
-#: rad (m) by which a position is moved to see what a load changes by: wrong by as much, by curvature.
-MOVED = 1e-6
-
-
-def _slopes_in_motion(model: Model, bins: JointBins, samples: Samples, weights: Floats) -> Floats:
-    """(M, J) derivative by each joint's position of what the rigid body asks of one: weight and inertia."""
-    body, steps = base_parameters(model.robot), MOVED * np.eye(1 + model.robot.n_joints)[:, 1:, None]
-    pull = np.repeat([bins.rates(velocity) for velocity in bins.samples.velocity.T], len(samples) // len(bins), axis=1)
-    rows = (body.row(bins.joint, (samples.position.T + step, samples.velocity.T, pull)) for step in steps)
-    asked = np.array([weights[model.inertial[-len(row) :]] @ row for row in rows])
-    return np.asarray((asked[1:] - asked[0]).T / MOVED)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:

@@ -11,9 +11,10 @@ class ZeroOffset(Effect):
     """Joint m stands at q_m + delta where its sensor says q_m.
 
     It changes the load of joint m and of every other joint that feels what m moves. slope_owner is the slope of a
-    joint's load (A/rad) by m's position: of its weight, and where all joints move of its inertia, too. Where no axis
-    beyond joint m is at an angle to its own, as for the last joint, the offset turns the links' first moments and
-    nothing else, and a slide's offset adds a constant lever: no current can show those.
+    joint's gravity load by m's position (A/rad), also where all joints move: the slope of inertia is as noisy as
+    accelerations, and hid offsets that weight shows. Where no axis beyond joint m is at an angle to its own, as for the
+    last joint, the offset turns the links' first moments and nothing else, and a slide's offset adds a constant lever:
+    no current can show those.
     """
 
     formula = "delta * slope_owner"

@@ -11,9 +11,8 @@ from pumaid.dataset import Dataset
 from pumaid.effects import Samples
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
-from pumaid.joint_bins import JointBins
-from pumaid.model import Model, loads, loads_at
-from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters, base_values
+from pumaid.model import Model, loads
+from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
 from pumaid.robot import Joint, Robot, placement, roll_pitch_yaw, turn_of_z
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
@@ -65,25 +64,6 @@ def test_torques_are_those_of_inverse_dynamics(name):
     assert np.abs(dense(everything, motion) @ values - torque).max() < EXACT * np.abs(torque).max()
 
 
-@pytest.mark.parametrize(("name", "joint"), [("ur5e", 2), ("panda", 4), ("stanford", 1)])
-def test_slopes_of_loads_in_motion_are_those_of_inverse_dynamics(name, joint):
-    """Weight and inertia change with every position as the engine's analytic derivatives say."""
-    rng, robot = np.random.default_rng(6), read_recipe(shipped_recipes()[name])
-    (model, values), fitted = engine(robot, rng), Model(robot, is_dynamic=True)
-    time, (size, rate, phase) = np.arange(0.0, 1.0, 1e-3), rng.uniform(0.5, 2.0, (3, robot.n_joints, 1))
-    q, qd, qdd = (size * rate**k * np.sin(rate * time + phase + k * np.pi / 2.0) for k in range(3))
-    samples = Samples(joint, q.T, qd.T, qdd[joint - 1], np.ones(1000), time, run=np.zeros(1000))
-    asked = dense(base_parameters(robot), [q, qd, qdd])[joint - 1]
-    bins = JointBins(joint, (), samples, *np.ones((3, 1000)), np.zeros(1, dtype=int), np.ones(1), asked)
-    solution, scales = np.zeros(len(fitted.names)), np.ones((robot.n_joints,) * 2)
-    solution[fitted.inertial] = base_values(robot, values.reshape(-1, len(PARAMETERS)))
-    slopes = loads_at(fitted, bins, solution=solution, scales=scales).slopes
-    data = model.createData()
-    for k in range(100, 900, 100):
-        pin.computeRNEADerivatives(model, data, q[:, k], qd[:, k], qdd[:, k])
-        np.testing.assert_allclose(slopes[k], data.dtau_dq[joint - 1], rtol=1e-4, atol=1e-4)
-
-
 @pytest.mark.parametrize("name", ARMS)
 def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_shows(name):
     """The rank is that of the engine's own regressor, rotors beside it; what is left out is regrouped into the rest."""
@@ -104,6 +84,20 @@ def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_show
     torque = torques(model, motion).ravel()
     left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
     assert np.abs(left).max() < 1e-9 * np.abs(torque).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "widths"),
+    [
+        ("puma560", [1, 7, 8, 8, 8, 8]),
+        ("ur5e", [1, 7, 8, 8, 8, 8]),
+        ("panda", [1, 7, 8, 8, 8, 8, 8]),
+        ("stanford", [1, 7, 5, 8, 8, 8]),
+    ],
+)
+def test_known_arms_have_known_numbers_of_base_parameters(name, widths):
+    """40, 40, 48 and 37 in all."""
+    assert [len(kept) for kept in base_parameters(read_recipe(shipped_recipes()[name])).counted] == widths
 
 
 def test_strokes_and_runs_of_an_engines_arm():
