@@ -43,12 +43,20 @@ class LeastSquares:
 
     `half` (p, k) spans the k directions that are determined: ``half half'`` is the pseudo-inverse of the information
     matrix, the covariance when the rows are whitened. `blind` (p, b) has directions, in columns, of unit length in the
-    scaled parameters, that the rows do not determine.
+    scaled parameters, that the rows do not determine. `singular` and `along` (k,) are the singular values of the scaled
+    rows and the target along each direction.
     """
 
     values: Floats
     half: Floats
     blind: Floats
+    singular: Floats
+    along: Floats
+
+    def damped(self, damping: float) -> tuple[Floats, float]:
+        """(p,) the solution with `damping` added to the scaled information, and by how much the squares fall."""
+        share = 1.0 / (1.0 + damping / self.singular**2)
+        return self.half @ (share * self.along), float(self.along**2 @ (share * (2.0 - share)))
 
     @property
     def determined(self) -> Flags:
@@ -79,7 +87,8 @@ def least_squares(
     is_shown = full > (tolerance * largest if limit is None else max(1.0, ROUNDING * largest))
     shown = np.flatnonzero(is_shown)
     half = inverse_scale[:, None] * (right[shown].T / full[shown])
-    return LeastSquares(half @ (basis[:, shown].T @ target), half, right[~is_shown].T)
+    along = basis[:, shown].T @ target
+    return LeastSquares(half @ along, half, right[~is_shown].T, full[shown], along)
 
 
 def independent(rows: Floats, *, first: int = 0, tolerance: float = RELATIVE_TOLERANCE) -> Flags:
@@ -265,8 +274,9 @@ class Recursion:
 
 #: Relative fall of the sum of squares below which another step is not worth taking.
 CONVERGED = 1e-12
-#: Steps at most, and the share of a step below which it is not halved any more.
-MOST_STEPS, SMALLEST_STEP = 60, 1e-6
+#: Steps at most. Share of the fall that the linearised system promises below which a step is damped harder, and by how
+#: much; damping, over the square of the largest singular value, beyond which none helps.
+MOST_STEPS, TRUSTED, HARDER, HARDEST = 60, 0.25, 10.0, 1e6
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
 #: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
 RATIO_KNOWN = 0.25
@@ -355,13 +365,14 @@ def fit_bilinear(
     """Least squares over parameters and ratios together, from the recursion's solution.
 
     Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
-    that does not lower the sum of squares is halved. Edges that `gains` does not have stay unknown; `limit` is as for
+    that lowers the sum of squares by less than the linearised system promises is damped, most where the data tell
+    least. Edges that `gains` does not have stay unknown; `limit` is as for
     `least_squares`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation
     about `centre`, where not given of parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No
     steps only linearise at the start.
 
-    Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; G. A. F. Seber and
-    C. J. Wild, Nonlinear Regression, ch. 14, for the damped Gauss-Newton step.
+    Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; D. W. Marquardt,
+    J. SIAM 11 (1963) 431-441, for the damped step.
     """
     p, theta = len(values), np.concatenate([values, gains.ratios])
     held = np.zeros((0, len(theta))) if prior is None else np.diag(prior)[prior > 0.0]
@@ -374,21 +385,25 @@ def fit_bilinear(
     def step(at: Floats, off: Floats) -> LeastSquares:
         return least_squares(np.vstack([small.jacobian(gains.with_ratios(at[p:]), at[:p]), held]), off, limit=limit)
 
-    off, linear = residual(theta), None
-    for _ in range(most_steps):
-        linear, share = step(theta, off), 1.0
-        moved = residual(theta + linear.values)
-        while moved @ moved >= off @ off and share > SMALLEST_STEP:
-            share /= 2.0
-            moved = residual(theta + share * linear.values)
-        fall = float(off @ off - moved @ moved)
+    off, damping = residual(theta), 0.0
+    linear = step(theta, off)
+    for _ in range(most_steps if len(linear.singular) else 0):
+        square, weakest, strongest = float(off @ off), linear.singular[-1] ** 2, linear.singular[0] ** 2
+        while True:
+            move, promised = linear.damped(damping)
+            moved = residual(theta + move)
+            fall = square - float(moved @ moved)
+            if fall >= TRUSTED * promised or promised <= CONVERGED * square or damping >= HARDEST * strongest:
+                break
+            damping = max(HARDER * damping, weakest)
         if fall <= 0.0:
             break
-        theta, off, linear = theta + share * linear.values, moved, None
-        if fall < CONVERGED * float(off @ off):
+        theta, off = theta + move, moved
+        linear = step(theta, off)
+        if damping == 0.0 and fall < CONVERGED * square:
             break
+        damping = damping / HARDER if damping > weakest else 0.0
     gains = gains.with_ratios(theta[p:])
-    linear = linear or step(theta, off)
     return JointSolution(theta[:p], gains, linear, system.jacobian(gains, theta[:p]), system.left(theta[:p], gains))
 
 

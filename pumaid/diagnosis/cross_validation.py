@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pumaid.diagnosis.records import DENIED, Transfer
+from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, Finding, Transfer
 from pumaid.effect_spec import EffectTerm
 from pumaid.estimation.fit import Fit, Projector, elsewhere, with_loads
 from pumaid.joint_bins import JointBins
@@ -194,3 +194,13 @@ def rmse_of(fit: Fit, heldout: Sequence[JointBins]) -> tuple[float, float | None
     rmse, runs = float(np.sqrt(squares.sum() / counts.sum())), len(counts)
     spread = float(np.linalg.norm(squares - rmse**2 * counts) / counts.sum() / np.sqrt(1.0 - 1.0 / max(runs, 2)))
     return rmse, spread / max(2.0 * rmse, np.finfo(float).tiny) if runs > 1 else None
+
+
+def forecast(finding: Finding, before: Fit, after: Fit | None, *, unseen: Sequence[JointBins]) -> Finding:
+    """A finding with the error of runs that were not fitted, without and with it; doubtful where that does not fall."""
+    if after is None:
+        return replace(finding, verdict=DOUBTFUL, reason="a fit with it goes astray")
+    without, (rmse, error) = rmse_of(before, unseen)[0], rmse_of(after, unseen)
+    if rmse >= without and finding.verdict == ADD:
+        finding = replace(finding, verdict=DOUBTFUL, reason="it does not lower the error of runs that were held out")
+    return replace(finding, rmse_heldout_before=without, rmse_heldout_after=rmse, forecast=rmse, forecast_error=error)

@@ -12,8 +12,8 @@ import numpy as np
 from pumaid.dataset import CONSTANT, STROKE, Dataset, Run, first_motions
 from pumaid.diagnosis.candidates import Suspect, Together
 from pumaid.diagnosis.compare import budget
+from pumaid.diagnosis.cross_validation import forecast
 from pumaid.diagnosis.detection_limits import TINY, detection_limits
-from pumaid.diagnosis.forecasts import forecast, with_effect
 from pumaid.diagnosis.free_forms import FORM_VARIABLES, FormTest, free_form_tests, knot_values
 from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer
 from pumaid.diagnosis.records import (
@@ -51,7 +51,6 @@ from pumaid.effects.curve import knots_of, spoken_form
 from pumaid.errors import LogError, ModelError, Note, Where
 from pumaid.estimate import Estimate, JointFit
 from pumaid.estimation.fit import Fit
-from pumaid.estimation.gls import refit
 from pumaid.estimation.noise import FEWEST_PAIRS
 from pumaid.estimation.nonlinear import effect_bins, fit_effects
 from pumaid.joint_bins import JointBins, distinct
@@ -65,8 +64,6 @@ from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 IDENTIFY = "pumaid identify LOGS"
 #: Cosine of two parameters' information beyond which only their sum, or difference, is told.
 TOGETHER = 0.95
-#: Bins times findings up to which each forecast is a fit of its own; beyond, it is a refit of the one before.
-EXACT = 600_000
 #: Candidates listed for a joint. Joints whose picture a finding of several joints carries. Runs at constant speed from
 #: which a joint's strokes are not needed.
 LISTED, PICTURES, STEADY = 5, 2, 12
@@ -361,10 +358,8 @@ class DiagnosisBuilder:
         chosen = sorted((x for x in search.accepted if x not in self.stand_ins), key=lambda x: -x.worth(noise))
         chosen += [made.candidate for made in self.offers]
         terms = [*search.given, *(item.trial.added for item in chosen)]
-        bins, heldout = (effect_bins(self.robot, part, terms, begun=search.begun) for part in (runs, search.unseen))
-        is_small = len(chosen) * sum(map(len, bins)) <= EXACT
+        heldout = effect_bins(self.robot, search.unseen, terms, begun=search.begun)
         before = self._identified(choices, runs) if chosen and heldout else None
-        before = refit(before, before.model, bins=bins) if before and not is_small else before
         waiting = [(item, self.finding(item)) for item in chosen]
         rest = dict[EvaluatedCandidate, Finding]()
         while waiting:
@@ -374,7 +369,7 @@ class DiagnosisBuilder:
                 finding, after = replace(first, command=first.command.replace(IDENTIFY, head, 1)), None
                 more = (*choices, *first.choices()) if first.command else choices  # no command adds a suspected column
                 if before and unseen and first.command:
-                    after = self._identified(more, runs) if is_small else with_effect(before, candidate.trial.added)
+                    after = self._identified(more, runs)
                     finding = forecast(finding, before, after, unseen=unseen)
                 if finding.verdict == ADD and first.command:
                     head, before, choices = finding.command, after or before, more

@@ -55,9 +55,6 @@ class EffectFits:
         if noises is None and self._latest is not None and self._latest[0] == list(added):
             return self._latest[1]
         fitted = self._unsized(added, noises, beside)
-        if noises is None and added:
-            # Ratios that were bent by what is now in the model lead downhill to a wrong minimum.
-            fitted = fit_bins(fitted.model, [row.bins for row in fitted.rows], before=fitted)
         if noises is None or added:
             sized = [
                 term.searched(self.model.robot).at({}, fitted.sizes(place).tolist())

@@ -45,7 +45,7 @@ from pumaid.diagnosis.score_test import (
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Effect, Family, Scope, catalogue
 from pumaid.errors import ModelError
-from pumaid.estimation.fit import Fit, FitRow, Projector
+from pumaid.estimation.fit import Fit, Projector
 from pumaid.estimation.noise import noise_of
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
@@ -475,7 +475,10 @@ class Stepwise:
             place, whole = self.added.index(current), self.fits.solved(self.added)
             rows = [row for row in whole.joints if current.touches(row.bins.joint)]
             before = next((misfits for term, misfits in self._examined if term is current), ())
-            if before and all(map(_is_unmoved, rows, before)):
+            if before and all(
+                len(row.misfit) == len(old) and np.sum(row.noise.whiten(row.bins, row.misfit - old) ** 2) < MOVED
+                for row, old in zip(rows, before, strict=True)
+            ):
                 continue
             self._examined.insert(0, (current, [row.misfit for row in rows]))
             if current in latest and new == 1:
@@ -513,11 +516,6 @@ def _is_near(table: ScoreTable, key: Key, surprise: float, chances: SignFlips) -
     """Whether a candidate with this `surprise` is worth a close look."""
     is_loud = is_few(table.solved, key[1]) and 10.0**-surprise * table.tests <= FAR
     return is_loud or chances.p_value(key, surprise) <= FAR
-
-
-def _is_unmoved(row: FitRow, before: Floats) -> bool:
-    """Whether a joint's fit leaves what it left `before` (A) but for a square below `MOVED` once whitened."""
-    return len(row.misfit) == len(before) and bool(np.sum(row.noise.whiten(row.bins, row.misfit - before) ** 2) < MOVED)
 
 
 def _apart(evaluated: Sequence[EvaluatedCandidate]) -> list[EvaluatedCandidate]:

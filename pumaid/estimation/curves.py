@@ -10,8 +10,8 @@ from pumaid.effect_spec import EffectTerm
 from pumaid.effects.curve import CHOSEN, COEFFICIENTS, OF, variable
 from pumaid.errors import ModelError, Where
 from pumaid.estimate import NOT_IDENTIFIABLE, Value
+from pumaid.estimation.covariance import interval
 from pumaid.estimation.fit import Fit, Projector
-from pumaid.estimation.gls import interval
 from pumaid.maths import Floats
 from pumaid.robot import SHAPE_WORDS
 

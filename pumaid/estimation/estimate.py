@@ -16,10 +16,11 @@ from pumaid.effect_spec import expanded
 from pumaid.effects import Family, Trace, load_refusal
 from pumaid.errors import LogError, Note, Where, listed, refuse
 from pumaid.estimate import GIVEN, IDENTIFIED, Estimate, JointFit, Value
+from pumaid.estimation.covariance import interval, two_sided
 from pumaid.estimation.curves import curve_values
 from pumaid.estimation.evaluate import JointPrediction, fast_squares, predictions, rmse
 from pumaid.estimation.fit import Fit, FitRow
-from pumaid.estimation.gls import Progress, interval, two_sided
+from pumaid.estimation.gls import Progress
 from pumaid.estimation.identifiability import Coverage, FittedParameters, outer_postures, reason
 from pumaid.estimation.link_lengths import STEP, length_tests
 from pumaid.estimation.noise import fit_each_run

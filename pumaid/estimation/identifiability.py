@@ -12,8 +12,9 @@ from pumaid.effect_spec import Column
 from pumaid.effects import Family, Samples, Scope, load_refusal
 from pumaid.errors import listed
 from pumaid.estimate import IDENTIFIED, NOT_IDENTIFIABLE, Combination, Value
+from pumaid.estimation.covariance import covariance_of, interval, two_sided
 from pumaid.estimation.fit import Fit, Row
-from pumaid.estimation.gls import covariance_of, interval, rise, two_sided
+from pumaid.estimation.gls import rise
 from pumaid.joint_bins import SAME_POSTURE
 from pumaid.maths import LARGEST_RATIO, RATIO_KNOWN, Bilinear, Counts, Floats
 from pumaid.model import KNOWN_LOAD, Model

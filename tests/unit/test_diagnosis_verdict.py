@@ -12,9 +12,8 @@ from worlds import PENDULUM, TURN, arm
 
 from pumaid.cli.additions import added
 from pumaid.dataset import Dataset
-from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, rmse_of
-from pumaid.diagnosis.diagnose import EXACT, DiagnosisBuilder, curve, diagnose, joint_verdict
-from pumaid.diagnosis.forecasts import forecast
+from pumaid.diagnosis.cross_validation import FoldLosses, confirmed_share, forecast, rmse_of
+from pumaid.diagnosis.diagnose import DiagnosisBuilder, curve, diagnose, joint_verdict
 from pumaid.diagnosis.free_forms import FORMS, forms, free_form_tests, knot_values, variable
 from pumaid.diagnosis.records import ADD, DENIED, DOUBTFUL, UNEXPLAINED_JOINT, Diagnosis, Finding, Repeats, Transfer
 from pumaid.diagnosis.score_test import replicate_test, score_at
@@ -541,7 +540,7 @@ def test_shares_of_a_load_that_gravity_absorbs_are_told_by_their_sum():
 
 
 @cache
-def busy(exact: int = EXACT) -> tuple[Dataset, Diagnosis]:
+def busy() -> tuple[Dataset, Diagnosis]:
     """A pendulum of which the tip has three effects at once; held out are another posture and other speeds."""
     hidden = [
         Hidden("ripple", 2, {"cos": 0.05, "sin": 0.0, "frequency": 21.0}),
@@ -551,15 +550,12 @@ def busy(exact: int = EXACT) -> tuple[Dataset, Diagnosis]:
     late = Lab.of(PENDULUM, design(PENDULUM, postures=1, speeds=(0.35, 0.9), repeats=1, seed=4), *hidden).noisy(8, DIN)
     fitted = Lab.of(PENDULUM, design(PENDULUM, speeds=(0.1, 0.25, 0.6, 1.2), repeats=1), *hidden).noisy(3, DIN)
     dataset = Dataset((*fitted, *(replace(run, heldout=True, clock=1) for run in late)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pumaid.diagnosis.diagnose.EXACT", exact)
-        return dataset, diagnose(identify(dataset, PENDULUM), dataset, PENDULUM)
+    return dataset, diagnose(identify(dataset, PENDULUM), dataset, PENDULUM)
 
 
-@pytest.mark.parametrize("exact", [EXACT, 0], ids=["fits", "refits"])
-def test_what_is_forecast_is_what_the_printed_command_gives(exact):
+def test_what_is_forecast_is_what_the_printed_command_gives():
     """Of each finding in turn: its command adds those before it, and held-out runs have the error that was told."""
-    dataset, told = busy(exact)
+    dataset, told = busy()
     assert len(told.findings) >= 3 and {one.verdict for one in told.findings} == {ADD}
     before = identify(dataset, PENDULUM).joint(2).heldout
     for number, finding in enumerate(told.findings, start=1):

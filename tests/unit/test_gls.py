@@ -307,7 +307,7 @@ SYSTEM = Bilinear(ROW, REGRESSORS, EXACT, OWNERS)
 
 
 def test_far_start_still_comes_home():
-    """From ratios off by factors of three and with a sign wrong the steps, halved where needed, reach the truth."""
+    """From ratios off by factors of three and with a sign wrong the steps, damped where needed, reach the truth."""
     found = fit_bilinear(SYSTEM, 0.3 * VALUES, chain(1.5, 0.5, 0.7))
     assert found.values == pytest.approx(VALUES, rel=1e-6)
     assert [found.gains.edge[edge] for edge in (3, 1, 2)] == pytest.approx([0.5, -1.5, 2.0], rel=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize, stats
 
-from pumaid.estimation.gls import clustered, interval, recursion_covariance, two_sided
+from pumaid.estimation.covariance import clustered, interval, recursion_covariance, two_sided
 from pumaid.estimation.noise import NoiseModel, _svd, estimate, excess, freedoms
 from pumaid.maths import Bilinear, Recursion
 
