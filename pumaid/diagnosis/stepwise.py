@@ -55,7 +55,7 @@ FAR = 0.3
 #: Share of a rival's statistic that may be left once the chosen effect is in: above, it explains something else.
 #: Shapes within this share are one where a joint may have an effect several times. Share of a statistic that a law
 #: which is not exact may lack. Share of the chosen effect's statistic from which a less likely effect is refitted.
-SAME, ALIKE, ALMOST, LARGE = 0.5, 0.01, 0.9, 0.75
+SAME, ALIKE, ALMOST, LARGE = 0.5, 0.01, 0.9, 0.5
 #: Square of whitened residuals that a step may move at a joint so that nothing is chosen there anew: by Cauchy-Schwarz
 #: no score moves by more than a third of its standard error.
 MOVED = 0.1
@@ -396,7 +396,7 @@ class Stepwise:
             remaining = score_at(Projector(self.fits.where_it_shows(after, other.trial.added)), other.trial.added)
             if remaining is not None and remaining.statistic > SAME * other.trial.statistic:
                 continue
-            rival = replace(other, evidence=self._refitted(other, chosen, terms, place=place)) if is_far else other
+            rival = self._refitted(other, chosen, terms, place=place) if is_far else other
             is_worse = not is_mixed and chosen.log_odds - rival.log_odds > DECISIVE
             if not is_worse and (rival.predicts or not chosen.predicts):
                 out.append((rival, is_mixed))
@@ -405,20 +405,26 @@ class Stepwise:
 
     def _refitted(
         self, item: EvaluatedCandidate, chosen: EvaluatedCandidate, terms: Sequence[EffectTerm], *, place: int
-    ) -> float:
-        """Evidence of an effect by a refit with it in place of the `chosen` one, `terms[place]`.
+    ) -> EvaluatedCandidate:
+        """An effect as a refit with it in place of the `chosen` one, `terms[place]`, and runs left out of it judge it.
 
         Scores follow gain ratios to the first order only: what bends these much shows less than it is. By its score
         where either is felt by several joints, whose refits take long.
         """
         if any(x.trial.added.effect.scope is not Scope.JOINT for x in (item, chosen)):
-            return item.evidence
-        whole = self.fits.solved(terms)
-        instead = self.fits.solved([*terms[:place], item.trial.added, *terms[place + 1 :]], whole.noises, beside=terms)
+            return item
+        whole, rest = self.fits.solved(terms), [*terms[:place], *terms[place + 1 :]]
+        instead = self.fits.solved([*rest, item.trial.added], whole.noises, beside=terms)
         if instead.size != whole.size:
-            return item.evidence
+            return item
+
+        def losses() -> FoldLosses:
+            without = self.fits.solved(rest, whole.noises, beside=terms)
+            return refit_losses(without, instead, replicate_folds(instead, sorted(item.after)))
+
         gain = max(whole.size - whole.rank, 1) * float(np.log(whole.square / instead.square))
-        return chosen.evidence + gain + price(chosen.on, chosen.trial) - price(item.on, item.trial)
+        evidence = chosen.evidence + gain + price(chosen.on, chosen.trial) - price(item.on, item.trial)
+        return replace(item, evidence=evidence, left_out=cache(losses))
 
     def _judged(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, chances: SignFlips) -> EvaluatedCandidate | None:
         """Judge a candidate at its best on the grid (what the flips were compared with), and refined.
@@ -499,7 +505,7 @@ class Stepwise:
                 at = replace(self.accepted[place - len(self.given)], evidence=evidence(solved, again))
                 if better is None or better.fault is not None:
                     continue
-                if self._refitted(better, at, self.added, place=place) > at.evidence + DECISIVE:
+                if self._refitted(better, at, self.added, place=place).evidence > at.evidence + DECISIVE:
                     self.added[place], self.accepted[place - len(self.given)] = better.trial.added, better
 
 
