@@ -282,7 +282,7 @@ MOST_STEPS, TRUSTED, HARDER, HARDEST = 60, 0.25, 10.0, 1e6
 RATIO_KNOWN = 0.25
 RATIO_SIGNIFICANT = 3.3
 RATIO_SPREAD = 10.0
-#: Ratios from which a restart begins besides, and the share of the sum of squares that it must get below.
+#: Ratios from which a restart begins besides, and the share of the sum of squares that another start must get below.
 OTHER_RATIOS, BETTER = (USUAL_RATIO, -USUAL_RATIO), 0.98
 
 

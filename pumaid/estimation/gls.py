@@ -11,6 +11,7 @@ from pumaid.estimation.fit import Fit, Row, design_of, plausible, with_loads
 from pumaid.estimation.noise import NoiseModel, estimate, excess, inside_runs
 from pumaid.joint_bins import JointBins
 from pumaid.maths import (
+    BETTER,
     LARGEST_RATIO,
     RATIO_SPREAD,
     USUAL_RATIO,
@@ -203,17 +204,18 @@ def _refined(fitted: Fit) -> Fit:
 
 def _solved(fitted: Fit, values: Floats, gains: Gains) -> Fit:
     """The fit of its own model, with its own noise and prior, from these parameters and ratios or, where that meets the
-    data better, from the recursion's: ratios bent by what a model lacked lead downhill to a wrong minimum.
+    data decidedly better, from the recursion's: ratios bent by what a model lacked lead downhill to a wrong minimum.
     """
     system = system_of(fitted.rows, fitted.noises, owners_of(fitted.model, fitted.assigned))
     limit, start = reach_of(fitted.limit, fitted.prior), _start(fitted, system)
-
-    def square(at: Floats, ratios: Gains) -> float:
-        return float(np.sum(system.left(at, ratios) ** 2) + np.sum((fitted.prior[: len(at)] * at) ** 2))
-
-    if start.gains.parent == gains.parent and square(start.values, start.gains) < square(values, gains):
-        values, gains = start.values, start.gains
-    return replace(fitted, system=system, solution=fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior))
+    solution = fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior)
+    squares = [
+        float(np.sum(system.left(at, ratios) ** 2) + np.sum((fitted.prior[: len(at)] * at) ** 2))
+        for at, ratios in ((start.values, start.gains), (solution.values, solution.gains))
+    ]
+    if start.gains.parent == gains.parent and squares[0] < BETTER * squares[1]:
+        solution = fit_bilinear(system, start.values, start.gains, limit=limit, prior=fitted.prior)
+    return replace(fitted, system=system, solution=solution)
 
 
 def refit(
