@@ -327,7 +327,8 @@ FEW_RUNS, PIECES, A_PIECE, LEAST = 24, 64, 8, 0.25
 
 def is_few(on: Fit, joint: int | None) -> bool:
     """Whether a joint, or any where it is none of those that move, has few runs."""
-    return any(len(row.bins.runs) < FEW_RUNS for row in ([on.by_bin[joint]] if joint in on.by_bin else on.joints))
+    rows = [on.by_bin[joint]] if joint in on.by_bin else on.joints
+    return any(len(row.bins.runs) < FEW_RUNS for row in rows)
 
 
 def evidence(on: Fit, trial: ScoreTest) -> float:

@@ -153,9 +153,8 @@ class LogStatistics:
         step[starts] = np.nan  # from another window
         often = moves & (_counts(step == 0.0, starts) >= OFTEN * counts)
         steps = step[(step > 0.0) & np.repeat(often, counts)]
-        self._add(
-            j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=steps.min(initial=math.inf)
-        )
+        least = steps.min(initial=math.inf)
+        self._add(j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=least)
 
     def _add_currents(self, j: int, current: Floats, moves: Flags, starts: Counts) -> None:
         """Add extremes, repeats and zeros of a joint's (N,) currents where they are measured while it `moves`, (W,)."""

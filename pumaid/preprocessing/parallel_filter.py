@@ -252,4 +252,5 @@ def _weighted(values: Floats, width: int) -> Floats:
 
 def _summed(weighted: Floats) -> Floats:
     """(K, M) means over cells and their neighbours."""
-    return np.sum([weighted[:, k : weighted.shape[1] - ROUNDS + 1 + k, k] for k in range(ROUNDS)], axis=0)
+    count = weighted.shape[1] - ROUNDS + 1
+    return np.sum([weighted[:, k : k + count, k] for k in range(ROUNDS)], axis=0)

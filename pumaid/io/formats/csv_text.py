@@ -226,9 +226,8 @@ class CsvLog(LogSource):
         plain = {name: batch.column(str(self._places[name])) for name in names if name not in inner}
         stamps = {name for name in plain if self._places[name] in self._stamps}
         plain |= {name: plain[name].cast("int64").cast("float64", safe=False) for name in stamps}
-        return np.array([inner[name] if name in inner else floats(plain[name]) for name in names]).reshape(
-            len(names), -1
-        )
+        rows = [inner[name] if name in inner else floats(plain[name]) for name in names]
+        return np.array(rows).reshape(len(names), -1)
 
     def _judge(self, last_row: float) -> None:
         """A cut last row is a recording that was stopped; any other is a damaged file."""
