@@ -17,8 +17,9 @@ SHARE, FEWEST = 0.005, 50
 EMPTY, TOP = 0.5, 0.1
 #: Share of a sign's bit below it that must be empty, and by which the least value above may miss it.
 EMPTY_BELOW, MISSED = 0.1, 0.02
-#: Share of the largest value below which a value without sign is next to zero.
-NEXT_TO_ZERO = 0.02
+#: Shares of the largest value below which a value without sign is next to zero, and at it; share of the former that are
+#: the latter: a sixteenth where it turns round at zero, none where its least value happens to lie next to it.
+NEXT_TO_ZERO, AT_ZERO, OF_THESE = 0.02, 0.02 / 16.0, 0.02
 
 #: Integers of 16 bits that were read as others are written, and what they are then.
 MISREAD = {
@@ -62,8 +63,8 @@ def lost_sign(counts: Floats, step: float) -> tuple[str, str]:
             return what, f"uint{bit + 1}-two-complement"
         if end < (1.0 - EMPTY_BELOW) * place and begin < place * (1.0 + MISSED) and top < 2.0 * place:
             return f"a sign in bit {bit} (negative ones stand above {place:.6g} A)", f"sign-bit-{bit}"
-    small = counts[bounds[:-1] < NEXT_TO_ZERO * bounds[filled[-1]]].sum()
-    return "sizes without sign (they turn round at zero)" if small >= least else "", ""
+    small, least_of_all = (counts[bounds[:-1] < share * bounds[filled[-1]]].sum() for share in (NEXT_TO_ZERO, AT_ZERO))
+    return "sizes without sign (they turn round at zero)" if least <= small <= least_of_all / OF_THESE else "", ""
 
 
 def leaps(time: Floats, position: Floats, slow: float) -> dict[str, float]:

@@ -18,6 +18,7 @@ from pumaid.io import log_form
 from pumaid.io.log_reader import LogReader
 from pumaid.io.recipe import parsed_recipe
 from pumaid.io.write import write_log
+from pumaid.preprocessing.encodings import lost_sign, size_counts
 from pumaid.preprocessing.ingest import ingest
 from pumaid.robot import Robot
 
@@ -229,6 +230,12 @@ def test_what_no_column_can_mean_is_refused(column: str, words: str) -> None:
     with pytest.raises(PumaidError, match=re.escape(words)) as caught:
         robot(f"log: {{position: {{column: 'p{{joint}}', {column}}}}}\n")
     assert "log.position" in str(caught.value)
+
+
+@pytest.mark.parametrize(("bottom", "is_lost"), [(0.0, True), (1.01, False), (1.02, False)])
+def test_a_current_that_nearly_reaches_zero_has_its_sign(bottom: float, is_lost: bool) -> None:
+    """A folded sine goes down to zero; one that turns half a hundredth of its size above it was refused, too."""
+    assert bool(lost_sign(size_counts(np.abs(bottom + np.sin(np.linspace(0.1, 40.0, 9001)))), 1e-4)[0]) is is_lost
 
 
 def test_currents_in_counts_are_refused_until_a_recipe_says_so(tmp_path: Path) -> None:

@@ -546,8 +546,7 @@ def test_what_is_no_change_is_not_told():
 
 
 RUBS = ("load_friction@2:drive=0.15,back=0.1", "warmup@4"), [LOAD_FRICTION]
-COUPLED = [EffectChoice("spring", 5), EffectChoice("coupling", 6, {"on": 5.0})]
-BENDS = ("spring@5:a=0.2", "coupling@6:c=2.4,on=5"), COUPLED
+BENDS = ("spring@5:a=0.2", "coupling@6:c=2,on=5"), [EffectChoice("spring", 5), EffectChoice("coupling", 6, {"on": 5.0})]
 
 
 @pytest.mark.parametrize(("seed", "case"), [(9071, RUBS), (9073, RUBS), (12, BENDS), (16, BENDS)])
