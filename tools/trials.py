@@ -373,7 +373,7 @@ def clean() -> Iterator[str]:
             for seed in range(CLEAN, CLEAN + count):
                 search = searching(truth, motions, seed)
                 search.run()
-                verdicts = DiagnosisBuilder(search).verdicts.values()
+                verdicts = DiagnosisBuilder(search, (), search.runs).verdicts.values()
                 missing.append(bool(search.accepted))
                 unexplained.append(any(joint.verdict == UNEXPLAINED_JOINT for joint in verdicts))
                 smallest.append(min(p_values(search.steps[0]).values()))

@@ -15,7 +15,6 @@ from pumaid.diagnosis.score_test import (
     ScoreTest,
     SignFlips,
     alike,
-    rmse,
 )
 from pumaid.effects import Effect, catalogue
 from pumaid.estimation.fit import Projector
@@ -46,7 +45,7 @@ def detection_limits(scan: ScoreTable, family: SignFlips) -> dict[Key, Limit]:
     """
     robot, scale, projector = scan.solved.model.robot, scan.solved.scale, Projector(scan.solved)
     shares = {row.bins.joint: row.bins.count / row.bins.count.sum() for row in scan.solved.joints}
-    errors = {row.bins.joint: max(rmse(row.bins, row.misfit), TINY) for row in scan.solved.joints}
+    errors = {row.bins.joint: max(row.rmse, TINY) for row in scan.solved.joints}
     tests, out = {id(test.added): test for test in scan.trials}, dict[Key, Limit]()
     for key, group in scan.candidates.groups.items():
         falls = [shares[joint] @ (values / errors[joint]) ** 2 for joint, values in projector.columns(group).items()]

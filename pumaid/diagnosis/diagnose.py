@@ -42,7 +42,6 @@ from pumaid.diagnosis.score_test import (
     covariance_of,
     misfit_with,
     replicate_test,
-    rmse,
 )
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm, expanded, option_text, reopened, terms_of
@@ -274,12 +273,12 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
     if acting and after is not None and after.floor is not None:
         inside = b.bins.inside_left(b.bins.current - b.misfit)
         floor2 = after.floor**2 + float(b.bins.count @ inside / b.bins.count.sum())
-        start2, end2 = (rmse(item.bins, item.misfit) ** 2 for item in (a, b))
+        start2, end2 = a.rmse**2, b.rmse**2
         is_gone = start2 > EXCESS * floor2 and start2 - end2 >= ENOUGH * (start2 - min(floor2, end2))
     if is_clear or (is_repeated and not is_gone):
         verdict, top = UNEXPLAINED_JOINT, best or next(iter(forms), None)
         shape = None if top is None else _shape(top, is_clear=is_clear)
-    return JointDiagnosis(joint, verdict, "", rmse(a.bins, a.misfit), None, before, unexplained=shape)
+    return JointDiagnosis(joint, verdict, "", a.rmse, None, before, unexplained=shape)
 
 
 def _shape(test: FormTest, *, is_clear: bool) -> Unexplained:
@@ -322,14 +321,16 @@ def free_shape(
 
 
 class DiagnosisBuilder:
-    """Everything that a finished search (after `Stepwise.run`) has to say."""
+    """Everything that a finished search (after `Stepwise.run`) has to say of a model of `runs` that has effects."""
 
-    def __init__(self, search: Stepwise) -> None:
-        self.search, self.robot = search, search.model.robot
+    def __init__(self, search: Stepwise, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> None:
+        self.search, self.robot, self.choices, self.runs = search, search.model.robot, choices, runs
+        self.base = self._identified(choices)
         self.fits = [step.scan.solved for step in search.steps]
         last = search.steps[-1]
-        limits = detection_limits(last.scan, last.family).values()
-        self.limits = sorted(limits, key=lambda limit: (limit.effect, limit.joint or 0))
+        self.limits = sorted(
+            detection_limits(last.scan, last.family).values(), key=lambda limit: (limit.effect, limit.joint or 0)
+        )
         acting = {joint for item in search.accepted for joint in item.after}
         self.verdicts = {
             joint: joint_verdict(self.fits[0], self.fits[-1], joint=joint, acting=joint in acting)
@@ -348,18 +349,18 @@ class DiagnosisBuilder:
             self.offers += [made] if (made := offer(search, joint, is_unexplained=is_open)) else []
         self.stand_ins = {item for made in self.offers for item in made.stand_ins}
 
-    def findings(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> tuple[Finding, ...]:
-        """What should be added to a model of `runs` that has effects, by worth, then curves; not what stood in for one.
+    def findings(self) -> tuple[Finding, ...]:
+        """What should be added to the model, by worth, then curves; not what stood in for one.
 
         The command of each adds those before it, too, and its forecast is what held-out runs show of just that model.
         """
-        search, out, head = self.search, list[Finding](), IDENTIFY
-        noise = {joint: rmse(row.bins, row.misfit) for joint, row in self.fits[-1].by_bin.items()}
+        search, out, head, choices = self.search, list[Finding](), IDENTIFY, self.choices
+        noise = {joint: row.rmse for joint, row in self.fits[-1].by_bin.items()}
         chosen = sorted((x for x in search.accepted if x not in self.stand_ins), key=lambda x: -x.worth(noise))
         chosen += [made.candidate for made in self.offers]
         terms = [*search.given, *(item.trial.added for item in chosen)]
         heldout = effect_bins(self.robot, search.unseen, terms, begun=search.begun)
-        before = self._identified(choices, runs) if chosen and heldout else None
+        before = self.base if heldout else None
         waiting = [(item, self.finding(item)) for item in chosen]
         rest = dict[EvaluatedCandidate, Finding]()
         while waiting:
@@ -369,7 +370,7 @@ class DiagnosisBuilder:
                 finding, after = replace(first, command=first.command.replace(IDENTIFY, head, 1)), None
                 more = (*choices, *first.choices()) if first.command else choices  # no command adds a suspected column
                 if before and unseen and first.command:
-                    after = self._identified(more, runs)
+                    after = self._identified(more)
                     finding = forecast(finding, before, after, unseen=unseen)
                 if finding.verdict == ADD and first.command:
                     head, before, choices = finding.command, after or before, more
@@ -384,10 +385,10 @@ class DiagnosisBuilder:
             waiting = [(item, first) for item, first, n in tried if any(x.joint in item.after for x in out[n:])]
         return (*out, *rest.values())
 
-    def _identified(self, choices: Sequence[EffectChoice], runs: Sequence[Run]) -> Fit | None:
+    def _identified(self, choices: Sequence[EffectChoice]) -> Fit | None:
         """The model with some effects as `identify` fits it; None where it would refuse that."""
         with suppress(ModelError):
-            return fit_effects(self.search.model, runs, expanded(choices, self.robot), begun=self.search.begun).fit
+            return fit_effects(self.search.model, self.runs, expanded(choices, self.robot), begun=self.search.begun).fit
         return None
 
     def finding(self, candidate: EvaluatedCandidate) -> Finding:
@@ -435,10 +436,11 @@ class DiagnosisBuilder:
         judged = self.verdicts.get(joint)
         if judged is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
-        row, shape = self.fits[0].by_bin[joint], self._shape(joint)
+        row, shape = (self.base or self.fits[0]).by_bin[joint], self._shape(joint)
         split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=fit.noise_floor if fit else None)
         return replace(
             judged,
+            rmse=fit.rmse if fit and fit.rmse else row.rmse,
             verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
             noise_inside=fit.noise_inside if fit else None,
@@ -446,7 +448,7 @@ class DiagnosisBuilder:
             candidates=self._candidates(joint),
             unexplained=shape or judged.unexplained,
             limits=tuple(limit for limit in self.limits if limit.joint in (joint, None)),
-            weakened=weakened(row.bins, self.search.runs),
+            weakened=weakened(self.fits[0].by_bin[joint].bins, self.search.runs),
         )
 
     def _shape(self, joint: int) -> Unexplained | None:
@@ -573,7 +575,7 @@ def diagnose(
         tell=progress or (lambda text: None),
     )
     search.run()
-    builder = DiagnosisBuilder(search)
+    builder = DiagnosisBuilder(search, reopened(estimate), fitted)
     clocks = len({run.clock for run in runs})
     text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
     fits = {fit.joint: fit for fit in estimate.joints}
@@ -581,7 +583,7 @@ def diagnose(
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
-        findings=builder.findings(reopened(estimate), fitted),
+        findings=builder.findings(),
         model={"sha256": model_digest(estimate)},
         logs={facts.name: facts.digest for facts in dataset.files},
         notes=(*causes, *held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),

@@ -1,7 +1,7 @@
 """Learned curves for joints that no effect of the catalogue explains, and which effects only stood in for one."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from pumaid.diagnosis.cross_validation import confirmed_share, leave_out, replicate_folds, rmse_of
 from pumaid.diagnosis.free_forms import free_form_tests
 from pumaid.diagnosis.records import Size
-from pumaid.diagnosis.score_test import DECISIVE, EvaluatedCandidate, ScoreTest, evidence, misfit_with, rmse, score_at
+from pumaid.diagnosis.score_test import DECISIVE, EvaluatedCandidate, ScoreTest, evidence, misfit_with, score_at
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
@@ -109,8 +109,8 @@ def _judged(
         min(1.0, len(before.joints) * chance),
         more,
         cache(partial(leave_out, before, (curve,), replicate_folds(before, [joint]), prior=prior)),
-        {joint: rmse(row.bins, row.misfit)},
-        {joint: rmse(row.bins, misfit[joint])},
+        {joint: row.rmse},
+        {joint: replace(row, misfit=misfit[joint]).rmse},
         transfer=confirmed_share(after, curve, unseen) if unseen else None,
     )
 

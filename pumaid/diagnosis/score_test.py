@@ -569,8 +569,3 @@ def covariance_of(candidate: EvaluatedCandidate) -> Floats:
         among = among - with_shapes @ pseudo_inverse(shapes)[0] @ with_shapes.T
     is_shown = np.diagonal(among) > SHOWN * np.diagonal(information)[:count]
     return np.where(np.outer(is_shown, is_shown), pseudo_inverse(among)[0] * solved.scale, np.inf)
-
-
-def rmse(bins: JointBins, misfit: Floats) -> float:
-    """RMSE (A) of the samples in some bins."""
-    return float(np.sqrt(bins.count @ bins.squares(misfit) / bins.count.sum()))

@@ -36,7 +36,6 @@ from pumaid.diagnosis.score_test import (
     misfit_with,
     price,
     refine_shape,
-    rmse,
     score_at,
     score_candidates,
     sign_flips,
@@ -439,8 +438,8 @@ class Stepwise:
             trial = max(tests, key=lambda test: test.statistic)
         chance = self._chance(table, grid, on, trial=trial, chances=chances)
         residuals = misfit_with(on, trial)
-        before = {joint: rmse(on.by_bin[joint].bins, on.by_bin[joint].misfit) for joint in residuals}
-        after = {joint: rmse(on.by_bin[joint].bins, residual) for joint, residual in residuals.items()}
+        before = {joint: on.by_bin[joint].rmse for joint in residuals}
+        after = {joint: replace(on.by_bin[joint], misfit=residual).rmse for joint, residual in residuals.items()}
         shapes = table.candidates.groups.get(grid.added.key, (grid.added,))
         folds = replicate_folds(on, sorted(after))
         falls = cache(partial(leave_out, on, (*shapes, trial.added), folds))

@@ -81,7 +81,7 @@ def test_says_what_is_missing_writes_and_draws_it(arm, rippled):
 def test_its_command_runs_and_the_misfit_is_gone(arm):
     """``-o -`` is the file; its command can be pasted, after it nothing is missing and the old finding is remembered.
 
-    What repeated runs differ by is what identify and compare say, not what is left of them in coarser bins.
+    The error, and what repeated runs differ by, is what identify and compare say, not that of a search's coarser bins.
     """
     file = Path("results/diagnosis.json")
     first = json.loads(run(*DIAGNOSE, "-o", "-").stdout)
@@ -89,8 +89,8 @@ def test_its_command_runs_and_the_misfit_is_gone(arm):
     assert (first["kind"], first["format"]) == ("diagnosis", 1)
     assert first["findings"][0]["rmse_heldout_after"] < 0.6 * first["findings"][0]["rmse_heldout_before"]
     compared = json.loads(run("compare", "results/model.json", "logs", "--json").stdout)
-    floors = [[joint["noise_floor"] for joint in one["joints"]] for one in (first, compared)]
-    assert floors[0] == pytest.approx(floors[1], rel=0.01)
+    errors = [[joint[name] for joint in one["joints"] for name in ("rmse", "noise_floor")] for one in (first, compared)]
+    assert errors[0] == pytest.approx(errors[1], rel=0.001)
     words = shlex.split(first["findings"][0]["command"])
     assert words[:2] == ["pumaid", "identify"] and run(*words[1:])
     told = run(*DIAGNOSE, "--check").stdout

@@ -34,7 +34,7 @@ def test_what_single_joints_do_not_show_all_show_together(seed):
     runs = lab.noisy(seed, DIN)
     search = Stepwise(lab.model, runs)
     search.run()
-    findings = DiagnosisBuilder(search).findings((), runs)
+    findings = DiagnosisBuilder(search, (), runs).findings()
     (shared,) = (item for item in findings if item.joints)
     assert shared.joint is None and shared.effect == "load_friction" and len(shared.joints) >= 3
     assert {one.joint for item in findings for one in item.each()} <= set(SHARES)

@@ -289,7 +289,7 @@ def sizes_found(hidden: Hidden):
     lab = Lab.of(LEVER, design(LEVER, postures=3), hidden)
     search = Stepwise(lab.model, lab.noisy(2, Din(spread=0.004, level=0.002)))
     search.run()
-    return DiagnosisBuilder(search).finding(search.accepted[0]).sizes
+    return DiagnosisBuilder(search, (), search.runs).finding(search.accepted[0]).sizes
 
 
 def test_of_gear_losses_the_weight_leaves_only_the_sum():

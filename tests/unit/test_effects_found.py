@@ -31,7 +31,7 @@ def searched(lab: Lab, seed: int) -> DiagnosisBuilder:
     """A finished search in one more draw of noise."""
     search = Stepwise(lab.model, lab.noisy(seed, DIN))
     search.run()
-    return DiagnosisBuilder(search)
+    return DiagnosisBuilder(search, (), search.runs)
 
 
 @pytest.mark.parametrize(
