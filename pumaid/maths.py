@@ -190,9 +190,9 @@ class Gains:
     def scales(self) -> Floats:
         """(n, n) eta_row / eta_other for rows of a subtree, 1 for itself, 0 left of the diagonal, NaN where unknown."""
         out = np.triu(np.full((self.n_rows, self.n_rows), np.nan))
-        for other in range(self.n_rows):
-            steps = self.path(other)
-            out[steps, other] = np.cumprod([1.0, *(self.edge[step] for step in steps[:-1])])
+        np.fill_diagonal(out, 1.0)
+        for edge, upper in zip(self.edges, self.uppers, strict=True):
+            out[: upper + 1, edge] = out[: upper + 1, upper] * self.edge[edge]
         return out
 
 

@@ -201,8 +201,24 @@ class Setups:
             x, y, z = (size * down / np.linalg.norm(down)).tolist()
             return replace(self.now, kind=MOUNTED, gravity=(x, y, z))
 
+        # What a joint is asked for is affine in gravity.
+        columns = [
+            [
+                self._columns(x, replace(self.now, gravity=end))
+                for end in ((0.0, 0.0, 0.0), *(size * np.eye(3)).tolist())
+            ]
+            for x in self.cells
+        ]
+
         def cost(down: Floats) -> float:
-            return self._cost(self.left(along(down)))
+            x, y, z = down / np.linalg.norm(down)
+            shares = (1.0 - x - y - z, x, y, z)
+            return self._cost(
+                {
+                    cells.joint: _rest(cells, np.tensordot(shares, parts, 1))
+                    for cells, parts in zip(self.cells, columns, strict=True)
+                }
+            )
 
         near = min(np.vstack([np.eye(3), -np.eye(3)] if self.moves else [np.eye(3)]), key=cost)
         start = min(near, np.array(self.robot.gravity) / size, key=cost)
