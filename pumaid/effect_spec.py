@@ -1,12 +1,13 @@
 """Effects beyond the paper's model: as users name them (EFFECT@JOINT:SHAPE=VALUE) and as terms of a model."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
+from pumaid.effects import NO_SHAPE, Effect, Family, Parameter, Samples, Scope, Shape, catalogue
+from pumaid.effects.formula import GAMMAS, names_in
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.maths import Floats
@@ -67,6 +68,11 @@ class EffectTerm:
     def needs_loads(self) -> bool:
         """Whether its columns wait for the loads of a fit."""
         return self.effect.needs_loads and self.shape.get("of") in (None, SHAPE_WORDS["of"].index("load"))
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether the last link carries it, so that gains say what of it each joint draws."""
+        return not names_in(self.effect.formula).isdisjoint(GAMMAS)
 
     @property
     def number(self) -> int:
@@ -140,6 +146,24 @@ class EffectTerm:
     def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> "EffectTerm":
         """The same with other shapes, and derivatives at other sizes."""
         return replace(self, shape={**self.shape, **shape}, sizes=tuple(float(size) for size in sizes))
+
+
+class Expansion(Effect):
+    """Columns of one joint's samples without a law, a parameter each; in no catalogue."""
+
+    title, source, family = "Columns without a law", "least squares", Family.SUSPECT
+    name: str = ""
+
+    def __init__(self, name: str, width: int, made: Callable[[Samples], Floats]) -> None:
+        self.name, self.width, self.made = name, width, made
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"b{k}", "A", "of a column", f"b{k}") for k in range(self.width))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return self.made(samples)
 
 
 def scale_of(shape: Shape, value: float) -> float:

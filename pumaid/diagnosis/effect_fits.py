@@ -61,8 +61,8 @@ class EffectFits:
                 for place, term in enumerate(fitted.model.effects)
             ]
             fitted = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
-            # A tilt gives a load to joints that had none, by ratios that nothing else shows.
-            if any((term.effect.family, term.effect.scope) == (Family.GRAVITY, Scope.ARM) for term in added):
+            # A tilt, or a payload, loads joints by ratios that nothing else shows.
+            if any(t.is_carried or (t.effect.family, t.effect.scope) == (Family.GRAVITY, Scope.ARM) for t in added):
                 fitted = with_settled_loads(fitted)
         fitted = loaded(fitted)
         if noises is None:

@@ -10,7 +10,6 @@ import numpy as np
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
-from pumaid.effects.formula import clock_of_step
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
@@ -366,22 +365,6 @@ class Projector:
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
 
-    def steps(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
-        """Joint -> (R, k) one in runs after the instant of each of k steps in time, else zero.
-
-        Empty where the effect is none, or one of the instants is amid a run.
-        """
-        clock, out = clock_of_step(terms[0].effect.formula), dict[int, Floats]()
-        if not clock or len(terms[0].shape) > 1:
-            return out
-        for joint, row in self.solved.by_bin.items():
-            if terms[0].touches(joint):
-                after = getattr(row.bins.samples, clock)[:, None] > [term.shape["time"] for term in terms]
-                out[joint] = after[row.bins.first].astype(float)
-                if np.any(out[joint][row.bins.run] != after):
-                    return {}
-        return out
-
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""
         rows = {joint: self.solved.by_bin[joint] for joint in columns}
@@ -395,31 +378,18 @@ class Projector:
             out[acting] += derivatives @ columns
         return out
 
-    def scores(
-        self, white: Mapping[int, Floats], width: int, steps: Mapping[int, Floats] | None = None
-    ) -> tuple[Floats, Floats, Floats]:
+    def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
         """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
 
         Of whitened columns (N, V) by joint, zero in joints that are absent: (R, V) scores of all joints' runs,
-        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection. `steps` (R, k)
-        by joint say in which runs each candidate is what `white` (N, m) has, so that sums over runs do.
+        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection.
         """
-        count = next(iter((steps or white).values())).shape[1] // (1 if steps else width)
-        scores, gram = np.zeros((len(self.base_scores), count * width)), np.zeros((count, width, width))
-        cross = np.zeros((len(self.solved.inverse), count, width)) if steps else self.crossed(white)
+        cross = self.crossed(white)
+        gram = np.sum([_products(columns, columns, width) for columns in white.values()], axis=0)
+        scores = np.zeros((len(self.base_scores), cross.shape[1]))
         for joint, columns in white.items():
-            row, (acting, derivatives) = self.solved.by_bin[joint], self.solved.by_bin[joint].acting
-            by_run = row.bins.products(row.residual, columns)
-            if not steps:
-                scores[self.runs[joint]] = by_run
-                gram += _products(columns, columns, width)
-                continue
-            after = steps[joint]
-            scores[self.runs[joint]] = (after[:, :, None] * by_run[:, None]).reshape(len(after), -1)
-            for n, column in enumerate(columns.T):
-                cross[acting, :, n] += row.bins.products(column, derivatives.T).T @ after
-                gram[:, n] += after.T @ row.bins.products(column, columns)
-        cross = cross.reshape(len(cross), count * width)
+            row = self.solved.by_bin[joint]
+            scores[self.runs[joint]] = row.bins.products(row.residual, columns)
         turned, raw = self.solved.inverse @ cross, np.diagonal(gram, axis1=1, axis2=2).ravel()
         return scores - self.base_scores @ turned, gram - _products(cross, turned, width), raw
 
