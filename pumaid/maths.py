@@ -276,7 +276,7 @@ class Recursion:
 CONVERGED = 1e-12
 #: Steps at most. Share of the fall that the linearised system promises below which a step is damped harder, and by how
 #: much; damping, over the square of the largest singular value, beyond which none helps.
-MOST_STEPS, TRUSTED, HARDER, HARDEST = 60, 0.25, 10.0, 1e6
+MOST_STEPS, TRUSTED, HARDER, HARDEST = 60, 0.25, 3.0, 1e6
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
 #: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
 RATIO_KNOWN = 0.25
@@ -372,7 +372,7 @@ def fit_bilinear(
     steps only linearise at the start.
 
     Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; D. W. Marquardt,
-    J. SIAM 11 (1963) 431-441, for the damped step.
+    J. SIAM 11 (1963) 431-441, for the damped step; H. B. Nielsen, IMM-REP-1999-05 (DTU), for how it is damped next.
     """
     p, theta = len(values), np.concatenate([values, gains.ratios])
     held = np.zeros((0, len(theta))) if prior is None else np.diag(prior)[prior > 0.0]
@@ -402,7 +402,8 @@ def fit_bilinear(
         linear = step(theta, off)
         if damping == 0.0 and fall < CONVERGED * square:
             break
-        damping = damping / HARDER if damping > weakest else 0.0
+        # After a step that fell short of its promise the next is damped alike: valleys are curved.
+        damping = damping * max(1.0 / 3.0, 1.0 - (2.0 * fall / promised - 1.0) ** 3) if damping > weakest else 0.0
     gains = gains.with_ratios(theta[p:])
     return JointSolution(theta[:p], gains, linear, system.jacobian(gains, theta[:p]), system.left(theta[:p], gains))
 
