@@ -22,9 +22,10 @@ engines = pytest.importorskip("engines")
 EXACT = 1e-12
 
 
-def engine(name: str, rng: np.random.Generator) -> tuple[Robot, pin.Model, np.ndarray]:
+def engine(robot: Robot | str, rng: np.random.Generator) -> tuple[Robot, pin.Model, np.ndarray]:
     """An arm with random bodies and rotors, and its parameters (11 J,) in the order of `rigid_body.PARAMETERS`."""
-    robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else random_arm(name, rng)
+    if isinstance(robot, str):
+        robot = read_recipe(shipped_recipes()[robot]) if robot in shipped_recipes() else random_arm(robot, rng)
     bodies, rotors = [pin.Inertia.Random() for _ in robot.joints], rng.uniform(0.1, 1.0, robot.n_joints)
     model = engines.pinocchio_model(robot, bodies)
     model.armature = rotors
