@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pumaid.effects import NO_SHAPE, Effect, Family, Parameter, Samples, Scope, Shape, catalogue
-from pumaid.effects.formula import GAMMAS, names_in
+from pumaid.effects.formula import GAMMAS, OF_LOADS, names_in
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.maths import Floats
@@ -68,6 +68,12 @@ class EffectTerm:
     def needs_loads(self) -> bool:
         """Whether its columns wait for the loads of a fit."""
         return self.effect.needs_loads and self.shape.get("of") in (None, SHAPE_WORDS["of"].index("load"))
+
+    @property
+    def loads(self) -> frozenset[str]:
+        """Names of what of the loads its columns take; all of an effect that has no formula."""
+        names = names_in(self.effect.formula) & OF_LOADS
+        return names or (OF_LOADS if self.needs_loads else names)
 
     @property
     def is_carried(self) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Loads, Samples, Scope, catalogue
-from pumaid.effects.formula import swept
+from pumaid.effects.formula import OF_COLUMNS, OF_LOADS, swept
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Flags, Floats, Recursion, independent
@@ -356,10 +356,19 @@ def body_columns(robot: Robot) -> list[Column]:
     return columns
 
 
-def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats, at_nodes: bool = False) -> Loads:
+def loads_at(
+    model: Model,
+    bins: JointBins,
+    *,
+    solution: Floats,
+    scales: Floats,
+    at_nodes: bool = False,
+    needed: frozenset[str] = OF_LOADS,
+) -> Loads:
     """`loads` at bins, or at their nodes, those in blocks of any motion with the joint's inertial load.
 
-    In other runs all joints but the moving one stand, so that a few instants say what they are at all.
+    In other runs all joints but the moving one stand, so that a few instants say what they are at all. In blocks what
+    is not `needed` may be zero.
     """
     samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
     n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
@@ -370,7 +379,10 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
         gains = knot.gains
         return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.bodies, knot.by_joint, knot.slopes])
 
-    values = swept(samples, times * bins.lengths, table, turns=turns)
+    if needed <= OF_COLUMNS and model.is_dynamic and bins.is_block.all():
+        values = np.zeros((len(samples), 8 + 2 * n))
+    else:
+        values = swept(samples, times * bins.lengths, table, turns=turns)
     load, across, tilts, bodies, elsewhere, slopes = np.split(values, [1, 2, 4, 8, 8 + n], axis=1)
     moving, weights = load[:, 0], np.nan_to_num(model.factors(scales, bins.joint)) * solution
     rate = slopes[:, bins.joint - 1] * samples.velocity[:, bins.joint - 1]

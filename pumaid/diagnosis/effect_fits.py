@@ -100,7 +100,7 @@ class EffectFits:
 
 def with_noise_beside(solved: Fit, bins: JointBins, term: EffectTerm) -> Fit:
     """A fit at some bins of a joint, the noise there what is left beside an effect: what it explains is none."""
-    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins))
+    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins, terms=[term]))
     return at_bins(solved, bins, noise_of(bins, misfit - columns @ np.linalg.lstsq(columns, misfit, rcond=None)[0]))
 
 

@@ -45,6 +45,8 @@ FUNCTIONS = {
 GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
 OF_OWNER = frozenset({"load_owner", "slope_owner", "friction_owner"})
 OF_LOADS = frozenset({"load", "load_rate", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER, *GAMMAS})
+#: Those that rigid-body columns of blocks of any motion give without a look at the posture.
+OF_COLUMNS = frozenset({"load", "load_rate", "drawn"})
 OF_MOTION = OF_LOADS - {"load_rate"} | {"q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
+from pumaid.effects.formula import OF_LOADS
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
@@ -267,12 +268,14 @@ def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
     return np.repeat([numbers[key] for key in keys], widths), np.array([joint for joint, *_ in numbers])
 
 
-def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Samples:
-    """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit."""
+def with_loads(
+    fitted: Fit, bins: JointBins, *, at_nodes: bool = False, terms: Sequence[EffectTerm] | None = None
+) -> Samples:
+    """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit; those that `terms` need, if given."""
     samples, scales = bins.nodes[0] if at_nodes else bins.samples, fitted.scales()
-    return replace(
-        samples, loads=loads_at(fitted.model, bins, solution=fitted.values, scales=scales, at_nodes=at_nodes)
-    )
+    needed = OF_LOADS if terms is None else frozenset[str]().union(*(term.loads for term in terms))
+    loads = loads_at(fitted.model, bins, solution=fitted.values, scales=scales, at_nodes=at_nodes, needed=needed)
+    return replace(samples, loads=loads)
 
 
 def at_bins(fitted: Fit, bins: JointBins, noise: NoiseModel) -> Fit:
@@ -303,7 +306,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
     loads = None
     if any(term.needs_loads and term.touches(bins.joint) for term in model.effects):
         assert before is not None, "effects of the load wait for a fit"
-        loads = with_loads(before, bins, at_nodes=True).loads
+        loads = with_loads(before, bins, at_nodes=True, terms=model.effects).loads
     return model.design(bins, loads)
 
 

@@ -408,7 +408,7 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
 
     def drawn(theta: Floats) -> Floats:
         solution = replace(fitted.solution, values=theta[:p], gains=fitted.gains.with_ratios(theta[p:]))
-        samples = with_loads(replace(fitted, solution=solution), bins)
+        samples = with_loads(replace(fitted, solution=solution), bins, terms=model.effects)
         return np.sum([term.linear(model.robot, samples) @ fitted.sizes(place) for place, term in terms], axis=0)
 
     out, start = np.zeros((len(bins), len(theta))), drawn(theta)
