@@ -1,13 +1,12 @@
 """Effects beyond the paper's model: as users name them (EFFECT@JOINT:SHAPE=VALUE) and as terms of a model."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pumaid.effects import NO_SHAPE, Effect, Family, Parameter, Samples, Scope, Shape, catalogue
-from pumaid.effects.formula import GAMMAS, OF_LOADS, names_in
+from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.maths import Floats
@@ -68,17 +67,6 @@ class EffectTerm:
     def needs_loads(self) -> bool:
         """Whether its columns wait for the loads of a fit."""
         return self.effect.needs_loads and self.shape.get("of") in (None, SHAPE_WORDS["of"].index("load"))
-
-    @property
-    def loads(self) -> frozenset[str]:
-        """Names of what of the loads its columns take; all of an effect that has no formula."""
-        names = names_in(self.effect.formula) & OF_LOADS
-        return names or (OF_LOADS if self.needs_loads else names)
-
-    @property
-    def is_carried(self) -> bool:
-        """Whether the last link carries it, so that gains say what of it each joint draws."""
-        return not names_in(self.effect.formula).isdisjoint(GAMMAS)
 
     @property
     def number(self) -> int:
@@ -152,24 +140,6 @@ class EffectTerm:
     def at(self, shape: Mapping[str, float], sizes: Sequence[float] = ()) -> "EffectTerm":
         """The same with other shapes, and derivatives at other sizes."""
         return replace(self, shape={**self.shape, **shape}, sizes=tuple(float(size) for size in sizes))
-
-
-class Expansion(Effect):
-    """Columns of one joint's samples without a law, a parameter each; in no catalogue."""
-
-    title, source, family = "Columns without a law", "least squares", Family.SUSPECT
-    name: str = ""
-
-    def __init__(self, name: str, width: int, made: Callable[[Samples], Floats]) -> None:
-        self.name, self.width, self.made = name, width, made
-
-    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"b{k}", "A", "of a column", f"b{k}") for k in range(self.width))
-
-    def columns(
-        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
-    ) -> Floats:
-        return self.made(samples)
 
 
 def scale_of(shape: Shape, value: float) -> float:

@@ -347,10 +347,6 @@ def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -
     times = [part.samples.time if len(parts) == 1 and joint else part.samples.elapsed for part in parts]
     positions = [part.samples.position[:, part.joint - 1] for part in parts]
     currents = [part.current if drawn is None else drawn for part in parts]
-    starts = [
-        t[part.is_block[part.run] | np.isin(np.arange(len(t)), part.first)]
-        for part, t in zip(parts, times, strict=True)
-    ]
     widths = [[abs(run.span[1] - run.span[0]) / max(len(run.bins), 1) for run in part.runs] for part in parts]
     return Extent(
         joint=joint or None,
@@ -358,7 +354,7 @@ def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -
         position=(min(float(q.min()) for q in positions), max(float(q.max()) for q in positions)),
         finest=2.0 * min(float(np.median(width)) for width in widths),
         travel=max(float(part.samples.travel.max()) for part in parts),
-        starts=tuple(np.unique(np.concatenate(starts)).tolist()),
+        starts=tuple(sorted(float(t) for part, time in zip(parts, times, strict=True) for t in time[part.first])),
         duration=max(float(time.max()) for time in times),
         current=max(float(np.abs(current).max()) for current in currents),
     )

@@ -13,12 +13,12 @@ import numpy as np
 from pumaid.dataset import Run
 from pumaid.effect_spec import Column, EffectTerm, terms_of
 from pumaid.effects import Loads, Samples, Scope, catalogue
-from pumaid.effects.formula import OF_COLUMNS, OF_LOADS, swept
+from pumaid.effects.formula import swept
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Flags, Floats, Recursion, independent
-from pumaid.rigid_body import base_parameters, of_last_link, of_payload, of_tip, weight_name
-from pumaid.robot import Robot
+from pumaid.rigid_body import PARAMETERS, base_parameters, base_values, of_payload, point_mass, weight_name
+from pumaid.robot import Payload, Robot
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
@@ -249,9 +249,7 @@ class Model:
             out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
         for payload in {run.payload for run in bins.runs if self.scaled and run.payload}:
             rows = np.repeat([run.payload == payload for run in bins.runs], 3 * bins.lengths)
-            values, constants = (part @ of_payload(payload) for part in of_last_link(self.robot))
-            named = dict(zip([column.name for column in body_columns(self.robot)], values.tolist(), strict=True))
-            parameters = np.array([named.get(column.name, 0.0) for column in self._base])
+            parameters, constants = self._asked_by(payload)
             place = max(bins.joint, self.scaled) - self.robot.n_joints - 1
             out[rows, place] = out[rows] @ parameters + constants[bins.joint - 1]
         return out
@@ -261,6 +259,20 @@ class Model:
         is_known = np.array([column.effect == KNOWN_LOAD for column in self._base])
         base = self._base_at_nodes(bins) if at_nodes else self._base_means(bins)
         return np.asarray(base[:, is_known] @ weights[: len(is_known)][is_known])
+
+    def _asked_by(self, payload: Payload) -> tuple[Floats, Floats]:
+        """(b,) parameters of links, in N m for A, that ask of every joint what a point mass on the last link does; and
+        (J,) N more of those that slide: a weight that is the same in every posture is Coulomb friction's in the model.
+        """
+        links, still = np.zeros((self.robot.n_joints, len(PARAMETERS))), np.zeros((self.robot.n_joints, 1))
+        links[-1] = of_payload(payload)
+        values = base_values(self.robot, links)
+        named = {part.name: value for part, value in zip(body_columns(self.robot), values.tolist(), strict=True)}
+        parameters = np.array([named.get(column.name, 0.0) for column in self._base])
+        resting = [Samples(n, still.T, still.T, np.zeros(1), np.ones(1)) for n in range(1, len(links) + 1)]
+        weighed = np.array([(self.base(samples) @ parameters)[0] for samples in resting])
+        beside = point_mass(self.robot, payload, (still, still, still))[:, 0] - weighed
+        return parameters, np.where(self.robot.is_revolute, 0.0, beside)
 
     def base(
         self, samples: Samples, scopes: Sequence[Scope] = (Scope.LINK, Scope.JOINT), out: Floats | None = None
@@ -335,8 +347,9 @@ def outermost_loaded(robot: Robot, runs: Sequence[Run]) -> int:
     """The outermost joint (from 1) that felt the weight of known loads in its runs, or the last; 0 without loads."""
     peaks = np.zeros(robot.n_joints)
     for run, payload in ((run, run.payload) for run in runs if run.payload):
-        position = np.where(np.arange(robot.n_joints) == run.joint - 1, run.bins.position, np.nan_to_num(run.posture))
-        torque = of_tip(robot, run.joint, position) @ of_payload(payload)[:4]
+        position = np.nan_to_num(run.posture)[:, None] + np.zeros((1, len(run.bins)))
+        position[run.joint - 1] = run.bins.position[:, run.joint - 1]
+        torque = point_mass(robot, payload, (position, 0.0 * position, 0.0 * position))[run.joint - 1]
         peaks[run.joint - 1] = max(peaks[run.joint - 1], float(np.abs(torque).max()))
     felt = np.flatnonzero(peaks > FELT * peaks.max()) if peaks.any() else [robot.n_joints - 1]
     return int(felt[-1]) + 1 if any(run.payload for run in runs) else 0
@@ -356,19 +369,10 @@ def body_columns(robot: Robot) -> list[Column]:
     return columns
 
 
-def loads_at(
-    model: Model,
-    bins: JointBins,
-    *,
-    solution: Floats,
-    scales: Floats,
-    at_nodes: bool = False,
-    needed: frozenset[str] = OF_LOADS,
-) -> Loads:
+def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats, at_nodes: bool = False) -> Loads:
     """`loads` at bins, or at their nodes, those in blocks of any motion with the joint's inertial load.
 
-    In other runs all joints but the moving one stand, so that a few instants say what they are at all. In blocks what
-    is not `needed` may be zero.
+    In other runs all joints but the moving one stand, so that a few instants say what they are at all.
     """
     samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
     n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
@@ -377,13 +381,10 @@ def loads_at(
         nonlocal gains
         knot = loads(model, knots, solution=solution, scales=scales)
         gains = knot.gains
-        return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.bodies, knot.by_joint, knot.slopes])
+        return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.by_joint, knot.slopes])
 
-    if needed <= OF_COLUMNS and model.is_dynamic and bins.is_block.all():
-        values = np.zeros((len(samples), 8 + 2 * n))
-    else:
-        values = swept(samples, times * bins.lengths, table, turns=turns)
-    load, across, tilts, bodies, elsewhere, slopes = np.split(values, [1, 2, 4, 8, 8 + n], axis=1)
+    values = swept(samples, times * bins.lengths, table, turns=turns)
+    load, across, tilts, elsewhere, slopes = np.split(values, [1, 2, 4, 4 + n], axis=1)
     moving, weights = load[:, 0], np.nan_to_num(model.factors(scales, bins.joint)) * solution
     rate = slopes[:, bins.joint - 1] * samples.velocity[:, bins.joint - 1]
     if bins.rigid_body is not None and model.is_dynamic:
@@ -391,15 +392,10 @@ def loads_at(
         torque, whole = (bins.rigid_body @ part[model.inertial] for part in (weights * model.is_geared, weights))
         of_blocks = np.repeat([torque, bins.rates(whole)], times, axis=1)
         moving, rate = np.where(np.isfinite(of_blocks), of_blocks, [moving, rate])
-        values, constants = (part[:, :4] for part in of_last_link(model.robot))
-        asked = np.repeat(bins.rigid_body @ values + constants[bins.joint - 1], times, axis=0)
-        bodies = np.where(np.isfinite(asked), asked, bodies)
     if model.scaled:
         moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)
     drawn, rubs = moving + model.friction(samples, solution), model.rubs(solution)
-    return Loads(
-        moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, rate, gains, rubs, bodies
-    )
+    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, rate, gains, rubs)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
@@ -414,7 +410,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     """
     robot, number = model.robot, samples.joint
     i, g = number - 1, np.asarray(robot.gravity, dtype=float)
-    across_axes, z, levers, bodies = (_axes if len(samples) <= MOST_KEPT else _axes.__wrapped__)(robot, samples)
+    across_axes, z, levers = (_axes if len(samples) <= MOST_KEPT else _axes.__wrapped__)(robot, samples)
     turns, constants = robot.is_revolute, model.moments(solution)
     weights, heavy = np.where(turns, 0.0, constants[:, 0]), np.asarray(constants.any(axis=1))
     moments = across_axes[0] * constants[:, :1] + across_axes[1] * constants[:, 1:]
@@ -440,7 +436,7 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
         back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
     gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
     drawn, rate = load + model.friction(samples, solution), slopes[:, i] * samples.velocity[:, i]
-    return Loads(load, elsewhere, slopes, tilts, across, drawn, rate, gains, model.rubs(solution), bodies)
+    return Loads(load, elsewhere, slopes, tilts, across, drawn, rate, gains, model.rubs(solution))
 
 
 #: Instants beyond which their axes are not kept: all that are take 0.2 GB on six joints.
@@ -448,12 +444,11 @@ MOST_KEPT = 16_000
 
 
 @lru_cache(maxsize=24)  # the same in every fit to some bins
-def _axes(robot: Robot, samples: Samples) -> tuple[Floats, Floats, Floats, Floats]:
-    """(2, M, J, 3) x and y axes of the links, (M, J, 3) z axes, and these across gravity; (M, 4) `Loads.bodies`."""
+def _axes(robot: Robot, samples: Samples) -> tuple[Floats, Floats, Floats]:
+    """(2, M, J, 3) x and y axes of the links, (M, J, 3) z axes, and these across gravity."""
     frames = robot.rotations(samples.position)
     z = frames[..., 2].copy()
-    bodies = of_tip(robot, samples.joint, samples.position)
-    return np.array([frames[..., 0], frames[..., 1]]), z, np.cross(z, robot.gravity), bodies
+    return np.array([frames[..., 0], frames[..., 1]]), z, np.cross(z, robot.gravity)
 
 
 def felt_ratios(heavy: Flags, scales: Floats, i: int) -> Floats:

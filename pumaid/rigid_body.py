@@ -14,8 +14,7 @@ from pumaid.robot import Payload, Robot
 #: Parameters of a link, in its joint's frame: mass (kg), first moments (kg m), moments and products of inertia about
 #: the frame's origin (kg m2), and the inertia of the rotor as the joint feels it.
 PARAMETERS = ("m", "mx", "my", "mz", "xx", "xy", "xz", "yy", "yz", "zz", "rotor")
-#: Numbers of mass and first moments; row and column of the inertia tensor that each of its parameters fills.
-TIP = (0, 1, 2, 3)
+#: Row and column of the inertia tensor that each of its parameters fills.
 TENSOR = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 
 #: Random states by which base parameters are chosen, their largest speed (1/s) and acceleration (1/s2): all of order
@@ -70,13 +69,12 @@ class RigidBody:
         return rows
 
 
-def of_tip(robot: Robot, joint: int, position: Floats) -> Floats:
-    """(N, 4) N m, or N, that mass at the last link's origin, and first moments along its axes, ask of a joint at rest.
-
-    `position` is (N, J), the joint counts from 1.
+def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Floats]) -> Floats:
+    """(J, N) N m, or N, that a point mass on the last link asks of each joint; `motion` are (J, N) positions, rates and
+    accelerations.
     """
-    tip, still = RigidBody(robot, (*([()] * (robot.n_joints - 1)), TIP)), np.zeros(position.T.shape)
-    return tip.row(joint, (position.T, still, still)).T
+    tip = RigidBody(robot, (*([()] * (robot.n_joints - 1)), tuple(range(len(PARAMETERS)))))
+    return np.array([of_payload(payload) @ rows for rows in tip.rows(*motion)])
 
 
 def of_bodies(
@@ -213,7 +211,7 @@ def whole(robot: Robot) -> RigidBody:
 
 
 def asked(robot: Robot, parameters: Floats, motion: tuple[Floats, Floats, Floats]) -> Floats:
-    """(J, N) N m, or N, that links of these parameters (J, 11) ask of each joint; `motion` as in `rows`."""
+    """(J, N) N m, or N, that links of these parameters (J, 11) ask of each joint; `motion` as in `point_mass`."""
     return np.array([parameters.ravel()[-len(rows) :] @ rows for rows in whole(robot).rows(*motion)])
 
 
@@ -234,20 +232,6 @@ def base_values(robot: Robot, parameters: Floats) -> Floats:
     """(P,) values of the base parameters of links of parameters (J, 11)."""
     values, mixed = regrouping(robot)[0] @ parameters.ravel(), base_parameters(robot).mixed
     return values if mixed is None else np.asarray(np.linalg.solve(mixed, values))
-
-
-@lru_cache(maxsize=32)
-def of_last_link(robot: Robot) -> tuple[Floats, Floats]:
-    """(P, 11) values of the base parameters per unit of each parameter of the last link.
-
-    And (J, 11) N more that these ask of joints that slide: a weight that is the same in every posture.
-    """
-    links, still = np.zeros((robot.n_joints, len(PARAMETERS))), np.zeros((robot.n_joints, 1))
-    units = [np.vstack([links[1:], unit]) for unit in np.eye(len(PARAMETERS))]
-    values = np.array([base_values(robot, unit) for unit in units]).T
-    felt = [rows[:, 0] @ values[-len(rows) :] for rows in base_parameters(robot).rows(still, still, still)]
-    beside = np.array([asked(robot, unit, (still, still, still))[:, 0] for unit in units]).T - felt
-    return values, np.where(robot.is_revolute[:, None], 0.0, beside)
 
 
 def _random_rows(robot: Robot) -> tuple[Floats, Floats]:

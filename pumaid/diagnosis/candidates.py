@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import ClassVar
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 
 from pumaid.dataset import Dataset
-from pumaid.effect_spec import EffectTerm, Expansion
+from pumaid.effect_spec import EffectTerm
 from pumaid.effects import NO_SHAPE, USUAL, Effect, Extent, Family, Parameter, Samples, Scope, Shape, catalogue
 from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import NoiseModel
@@ -35,13 +35,13 @@ class Candidates:
     excluded: Mapping[Key, str] = field(default_factory=dict)
 
 
-def grid_of(solved: Fit, effect: Effect, joint: int | None, *, within: Extent | None = None) -> tuple[EffectTerm, ...]:
+def grid_of(solved: Fit, effect: Effect, joint: int | None, *, covered: Extent | None = None) -> tuple[EffectTerm, ...]:
     """An effect with each shape at which a search begins, given what the runs of its joint cover, or those of all."""
-    grid = effect.grid(solved.model.robot, within or covered(solved, joint))
+    grid = effect.grid(solved.model.robot, covered or _covered(solved, joint))
     return tuple(EffectTerm(effect, joint, dict(shape)) for shape in grid)
 
 
-def covered(solved: Fit, joint: int | None) -> Extent:
+def _covered(solved: Fit, joint: int | None) -> Extent:
     """What the runs of a joint cover, or those of all."""
     row = solved.by_bin.get(joint or 0)
     bins = [part.bins for part in solved.joints]
@@ -57,7 +57,7 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
     owners: dict[Scope, Sequence[int | None]] = {Scope.ARM: (None,), Scope.CAUSE: range(1, robot.n_joints + 1)}
     present = {term.key for term in solved.model.effects}
     present |= {(column.effect, column.owner or None) for column in solved.model.columns}
-    extents = {joint: covered(solved, joint) for joint in (None, *range(1, robot.n_joints + 1))}
+    covered = {joint: _covered(solved, joint) for joint in (None, *range(1, robot.n_joints + 1))}
     groups, excluded = {}, {}
     for effect in (x for x in effects or catalogue().values() if not (x.base or x.is_free)):
         for joint in owners.get(effect.scope, moving):
@@ -65,27 +65,45 @@ def candidates(solved: Fit, effects: Sequence[Effect] | None = None) -> Candidat
             if why is not None:
                 excluded[effect.name, joint] = why
             elif effect.periodic is not None:
-                groups[effect.name, joint] = _slow_waves(solved, effect, joint, extents[joint])
+                groups[effect.name, joint] = _slow_waves(solved, effect, joint, covered[joint])
             elif effect.is_repeatable or not present & {(effect.name, joint), (effect.name, None)}:
-                groups[effect.name, joint] = grid_of(solved, effect, joint, within=extents[joint])
+                groups[effect.name, joint] = grid_of(solved, effect, joint, covered=covered[joint])
     return Candidates({key: group for key, group in groups.items() if group}, excluded)
 
 
-def _slow_waves(solved: Fit, effect: Effect, joint: int | None, within: Extent) -> tuple[EffectTerm, ...]:
+def _slow_waves(solved: Fit, effect: Effect, joint: int | None, covered: Extent) -> tuple[EffectTerm, ...]:
     """A periodic effect at the frequencies below those of its spectrum, which the model's slow columns absorb in part.
 
     And at those of waves of another kind that the model has, for which alone one that grows with the load is tried; but
     not within a resolution of its own waves, which frequencies refined beside each other part.
     """
-    name, slow, resolution = str(effect.periodic), within.travel / FEWEST_PERIODS, 2.0 * np.pi / within.travel
+    name, slow, resolution = str(effect.periodic), covered.travel / FEWEST_PERIODS, 2.0 * np.pi / covered.travel
     periodic = [x for x in solved.model.effects if x.joint == joint and x.effect.periodic is not None]
     waves = [(x.effect.name == effect.name, x.shape[str(x.effect.periodic)]) for x in periodic]
-    grid = () if effect.needs_loads else grid_of(solved, effect, joint, within=replace(within, finest=slow))
+    grid = () if effect.needs_loads else grid_of(solved, effect, joint, covered=replace(covered, finest=slow))
     tried = [EffectTerm(effect, joint, {name: wave}) for is_own, wave in waves if not is_own]
     tried += [term for term in grid if term.shape[name] < 2.0 * np.pi / slow]
     return tuple(
         term for term in tried if all(abs(term.shape[name] - wave) > resolution for is_own, wave in waves if is_own)
     )
+
+
+class Expansion(Effect):
+    """Columns of one joint's samples without a law, a parameter each; in no catalogue."""
+
+    title, source, family = "Columns without a law", "least squares", Family.SUSPECT
+    name: str = ""
+
+    def __init__(self, name: str, width: int, made: Callable[[Samples], Floats]) -> None:
+        self.name, self.width, self.made = name, width, made
+
+    def parameters(self, robot: Robot, number: int) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"b{k}", "A", "of a column", f"b{k}") for k in range(self.width))
+
+    def columns(
+        self, robot: Robot, samples: Samples, *, number: int | None = None, shape: Mapping[str, float] = NO_SHAPE
+    ) -> Floats:
+        return self.made(samples)
 
 
 class Together(Effect):

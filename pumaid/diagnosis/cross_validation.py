@@ -185,7 +185,7 @@ def rmse_of(fit: Fit, heldout: Sequence[JointBins]) -> tuple[float, float | None
     parts = list[Floats]()
     for bins in heldout:
         factors = np.nan_to_num(fit.model.factors(fit.scales(), bins.joint))
-        columns = fit.model.at_nodes(bins, with_loads(fit, bins, at_nodes=True, terms=fit.model.effects).loads)
+        columns = fit.model.at_nodes(bins, with_loads(fit, bins, at_nodes=True).loads)
         drawn, waves = (columns @ (factors * fit.values * part) for part in (1.0, fit.model.is_wave))
         misfit = bins.current - bins.averaged(drawn)
         square = misfit**2 + bins.inside_left(bins.current - misfit, bins.variance(drawn, waves))

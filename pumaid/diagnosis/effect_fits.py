@@ -61,8 +61,8 @@ class EffectFits:
                 for place, term in enumerate(fitted.model.effects)
             ]
             fitted = refit(fitted, self.model.with_effects(sized), noise=noises or _noises(fitted))
-            # A tilt, or a payload, loads joints by ratios that nothing else shows.
-            if any(t.is_carried or (t.effect.family, t.effect.scope) == (Family.GRAVITY, Scope.ARM) for t in added):
+            # A tilt gives a load to joints that had none, by ratios that nothing else shows.
+            if any((term.effect.family, term.effect.scope) == (Family.GRAVITY, Scope.ARM) for term in added):
                 fitted = with_settled_loads(fitted)
         fitted = loaded(fitted)
         if noises is None:
@@ -100,7 +100,7 @@ class EffectFits:
 
 def with_noise_beside(solved: Fit, bins: JointBins, term: EffectTerm) -> Fit:
     """A fit at some bins of a joint, the noise there what is left beside an effect: what it explains is none."""
-    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins, terms=[term]))
+    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins))
     return at_bins(solved, bins, noise_of(bins, misfit - columns @ np.linalg.lstsq(columns, misfit, rcond=None)[0]))
 
 

@@ -10,7 +10,7 @@ from itertools import groupby
 import numpy as np
 from scipy import special
 
-from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, covered, grid_of, minus_log10_p
+from pumaid.diagnosis.candidates import PERIODIC, Candidates, Key, Spectrum, grid_of, minus_log10_p
 from pumaid.diagnosis.cross_validation import FoldLosses
 from pumaid.diagnosis.records import Repeats, Transfer
 from pumaid.effect_spec import EffectTerm
@@ -148,9 +148,10 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     """
     projector, tests = Projector(solved), list[ScoreTest | None]()
     for group in tried.groups.values():
-        few = max(AT_ONCE // len(group[0].effect.parameters(solved.model.robot, group[0].number)), 1)
-        for start in range(0, len(group), few):
-            tests += scores_at(projector, group[start : start + few])
+        steps, width = projector.steps(group), len(group[0].effect.parameters(solved.model.robot, group[0].number))
+        few = len(group) if steps else max(AT_ONCE // width, 1)
+        for part in (group[start : start + few] for start in range(0, len(group), few)):
+            tests += scores_at(projector, part, steps)
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
@@ -160,7 +161,7 @@ MOST_STEPS, TOLERANCE, FIRST_STEP = 60, 2e-3, 0.25
 
 
 def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
-    """The trial, at the best point of its grid, with its shapes at the largest statistic, all else profiled out.
+    """The trial, at the best point of its grid, with searched shapes at the largest statistic, all else profiled out.
 
     The projector is of the fit that the trial was scored on.
     """
@@ -171,10 +172,6 @@ def refine_shape(projector: Projector, trial: ScoreTest) -> ScoreTest:
 
     term, solved, tried = trial.added, projector.solved, [trial]
     shapes = [s for s in term.shapes(solved.model.robot).values() if s.is_searched and s.name in term.shape]
-    near = covered(solved, term.joint)
-    while not shapes and "time" in term.shape and (near := near.nearer(trial.added.shape["time"])).starts:
-        closer = scores_at(projector, grid_of(solved, term.effect, term.joint, within=near))
-        trial = max([trial, *filter(None, closer)], key=lambda test: test.statistic)
     if not shapes:
         return trial
     names = [shape.name for shape in shapes]
@@ -206,13 +203,16 @@ def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
     return scores_at(projector, [added])[0]
 
 
-def scores_at(projector: Projector, terms: Sequence[EffectTerm]) -> list[ScoreTest | None]:
-    """The same for several shapes of one effect at once."""
-    solved, white = projector.solved, projector.whitened(projector.columns(terms))
+def scores_at(
+    projector: Projector, terms: Sequence[EffectTerm], steps: Mapping[int, Floats] | None = None
+) -> list[ScoreTest | None]:
+    """The same for several shapes of one effect at once; with `Projector.steps` by one that came before all runs."""
+    solved, made = projector.solved, [terms[0].at({"time": -np.inf})] if steps else terms
+    white = projector.whitened(projector.columns(made))
     if not white:
         return [None] * len(terms)
-    width = next(iter(white.values())).shape[1] // len(terms)
-    scores, information, raw = projector.scores(white, width)
+    width = next(iter(white.values())).shape[1] // len(made)
+    scores, information, raw = projector.scores(white, width, steps)
     out = []
     for number, term in enumerate(terms):
         part = slice(number * width, (number + 1) * width)

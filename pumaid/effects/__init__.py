@@ -258,7 +258,6 @@ def example(joint: int, *, with_loads: bool, rows: Any = slice(None)) -> Samples
         "across": np.abs(rng.normal(size=INSTANTS)),
         "drawn": rng.normal(size=INSTANTS),
         "rate": rng.normal(size=INSTANTS),
-        "bodies": rng.normal(size=(INSTANTS, 4)),
     }
     series = {
         "position": rng.uniform(-1.5, 1.5, (INSTANTS, n)),

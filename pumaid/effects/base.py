@@ -3,7 +3,6 @@
 import itertools
 import math
 import sys
-from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -122,7 +121,7 @@ class Extent:
     position: tuple[float, float]  # lowest and highest of the moving joint, rad or m
     finest: float  # shortest wavelength that the bins can show, rad or m
     travel: float  # longest run, rad or m
-    starts: tuple[float, ...]  # s since the joint's first motion, of every run, and of blocks' cells; rising
+    starts: tuple[float, ...]  # s since the joint's first motion, of every run, rising
     duration: float  # s from the first motion to the end of the last
     current: float  # largest absolute current that the model predicts, A
 
@@ -135,14 +134,6 @@ class Extent:
     def half_wave(self) -> float:
         """Radians of phase per rad or m of a wave that goes through half a period over all positions."""
         return math.pi / max(self.position[1] - self.position[0], 0.01)
-
-    def nearer(self, instant: float) -> "Extent":
-        """With the starts between the neighbours of one of the instants that a search of these began at; none where all
-        were tried."""
-        tried, place = _instants(self), bisect_left(_instants(self), instant)
-        around = [bisect_right(self.starts, tried[n]) for n in (max(place - 1, 0), min(place + 1, len(tried) - 1))]
-        chosen = self.starts[max(around[0] - 1, 0) : around[1] + 1]
-        return replace(self, starts=chosen if len(self.starts) > MOST_INSTANTS + 1 else ())
 
 
 @dataclass(frozen=True, slots=True)

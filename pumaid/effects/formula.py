@@ -14,7 +14,7 @@ parameters. Parameters and shapes stand in it by their own names. Of the joint w
   position; ``friction_owner`` its Coulomb and viscous friction;
 - ``owner`` its number, ``shaft_on`` what ``shaft`` is of the joint that the shape ``on`` names;
 - ``gamma_p``, ``gamma_x``, ``gamma_y``, ``gamma_z`` what a unit of mass at the origin of the last link's frame draws,
-  and a unit of first moment along its axes, times the gain of the last joint (in blocks with its inertia).
+  and a unit of first moment along its axes, times the gain of the last joint.
 """
 
 import ast
@@ -45,8 +45,6 @@ FUNCTIONS = {
 GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
 OF_OWNER = frozenset({"load_owner", "slope_owner", "friction_owner"})
 OF_LOADS = frozenset({"load", "load_rate", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER, *GAMMAS})
-#: Those that rigid-body columns of blocks of any motion give without a look at the posture.
-OF_COLUMNS = frozenset({"load", "load_rate", "drawn"})
 OF_MOTION = OF_LOADS - {"load_rate"} | {"q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
 
 
@@ -72,9 +70,6 @@ class Loads:
     gains: Floats  # (J,) eta_i / eta_k: joint k's current times this is joint i's; NaN where not known
     # (2, J, 2) Coulomb and viscous friction of each joint (A, and A s/rad or A s/m), forward and backward
     rubs: Floats = field(default_factory=_empty)
-    # (M, 4) N m (N) that a unit of mass at the last link's origin, and of first moment along each of its axes, asks of
-    # joint i: weight, and in blocks of any motion inertia, too
-    bodies: Floats = field(default_factory=partial(np.zeros, (0, 4)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -159,6 +154,27 @@ def _harmonics(q: Floats, turns: bool) -> Floats:
     return np.column_stack([np.ones(len(q)), q, q * q])
 
 
+@lru_cache(maxsize=1)  # asked for by each of the four quantities
+def _unit_body(robot: Robot, samples: Samples) -> Floats:
+    """(M, 4) N m (N) of a unit of mass at the last link's origin, and of a unit of first moment along each of its axes.
+
+    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
+    """
+    i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
+    turns = robot.joints[i].is_revolute
+
+    def table(knots: Samples) -> Floats:
+        frames, places = robot.frames(knots.position)
+        z_i, last = frames[:, i, :, 2], frames[:, -1]
+        if not turns:
+            return np.hstack([-(z_i @ g)[:, None], np.zeros((len(z_i), 3))])
+        levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
+        return np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
+
+    moved = np.diff(np.delete(samples.position, i, axis=1), axis=0).any(axis=1)
+    return swept(samples, np.diff(np.flatnonzero(moved) + 1, prepend=0, append=len(samples)), table, turns=turns)
+
+
 def _way(robot: Robot, samples: Samples, owner: int) -> Floats:
     """(M,) the sign of a motion; where gears turn the joint's shaft against the joint, that of the shaft."""
     shaft, joint = (v[:, samples.joint - 1] for v in (robot.shaft_velocity(samples.velocity), samples.velocity))
@@ -174,7 +190,9 @@ def _friction(robot: Robot, samples: Samples, joint: int) -> Floats:
 
 def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
     """(M,) A; zero where the ratio of gains to the last joint is not known."""
-    return np.asarray(loads_of(samples).bodies[:, part] * np.nan_to_num(loads_of(samples).gains[-1]))
+    gain = loads_of(samples).gains[-1]
+    felt = _unit_body(robot, samples)[:, part]
+    return felt * gain if np.isfinite(gain) else 0.0 * felt
 
 
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
@@ -262,6 +280,19 @@ def at_rest(formula: str) -> tuple[str, str]:
     if hold == filled(formula, {}):
         return hold, "0.0"
     return hold, filled(f"{formula} - ({hold})", {})
+
+
+@lru_cache(maxsize=512)
+def clock_of_step(formula: str) -> str:
+    """Name in `Samples` of the time after whose instant ``time`` a formula is the same for ever, and before it zero.
+
+    Empty where it is no such step.
+    """
+    for name, clock in (("t", "time"), ("elapsed", "elapsed")):
+        before, after = (formula.replace(f"({name} > time)", value) for value in ("0.0", "1.0"))
+        if before and filled(before, {}) == "0.0" and "time" not in names_in(after):
+            return clock
+    return ""
 
 
 def printed(formula: str) -> str:

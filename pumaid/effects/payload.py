@@ -5,15 +5,14 @@ from pumaid.robot import Robot
 
 
 class Payload(Effect):
-    """Weight of something taken up, or lost, and in any motion its inertia, as a point's.
+    """Gravity of something taken up, or lost.
 
     gamma_p is what a unit of mass at the origin of the last link's frame draws in the moving joint, gamma_x .. gamma_z
     what a unit of first moment along that frame's axes does; mass, x, y, z are the mass and its first moments, times
     the gain of the last joint. A joint feels them by the ratio of its gain to the last joint's; where that is not known
     it is left out. elapsed counts from the arm's first motion, whichever joint made it.
 
-    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass. Where all
-    joints move they draw what the regressor of the rigid body has of the last link's mass and first moments.
+    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
     """
 
     formula = "(elapsed > time) * (mass * gamma_p + x * gamma_x + y * gamma_y + z * gamma_z)"

@@ -10,7 +10,7 @@ import numpy as np
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
-from pumaid.effects.formula import OF_LOADS
+from pumaid.effects.formula import clock_of_step
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
@@ -268,14 +268,12 @@ def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
     return np.repeat([numbers[key] for key in keys], widths), np.array([joint for joint, *_ in numbers])
 
 
-def with_loads(
-    fitted: Fit, bins: JointBins, *, at_nodes: bool = False, terms: Sequence[EffectTerm] | None = None
-) -> Samples:
-    """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit; those that `terms` need, if given."""
+def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Samples:
+    """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit."""
     samples, scales = bins.nodes[0] if at_nodes else bins.samples, fitted.scales()
-    needed = OF_LOADS if terms is None else frozenset[str]().union(*(term.loads for term in terms))
-    loads = loads_at(fitted.model, bins, solution=fitted.values, scales=scales, at_nodes=at_nodes, needed=needed)
-    return replace(samples, loads=loads)
+    return replace(
+        samples, loads=loads_at(fitted.model, bins, solution=fitted.values, scales=scales, at_nodes=at_nodes)
+    )
 
 
 def at_bins(fitted: Fit, bins: JointBins, noise: NoiseModel) -> Fit:
@@ -306,7 +304,7 @@ def design_of(model: Model, bins: JointBins, before: Fit | None = None) -> Float
     loads = None
     if any(term.needs_loads and term.touches(bins.joint) for term in model.effects):
         assert before is not None, "effects of the load wait for a fit"
-        loads = with_loads(before, bins, at_nodes=True, terms=model.effects).loads
+        loads = with_loads(before, bins, at_nodes=True).loads
     return model.design(bins, loads)
 
 
@@ -368,6 +366,22 @@ class Projector:
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
 
+    def steps(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
+        """Joint -> (R, k) one in runs after the instant of each of k steps in time, else zero.
+
+        Empty where the effect is none, or one of the instants is amid a run.
+        """
+        clock, out = clock_of_step(terms[0].effect.formula), dict[int, Floats]()
+        if not clock or len(terms[0].shape) > 1:
+            return out
+        for joint, row in self.solved.by_bin.items():
+            if terms[0].touches(joint):
+                after = getattr(row.bins.samples, clock)[:, None] > [term.shape["time"] for term in terms]
+                out[joint] = after[row.bins.first].astype(float)
+                if np.any(out[joint][row.bins.run] != after):
+                    return {}
+        return out
+
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""
         rows = {joint: self.solved.by_bin[joint] for joint in columns}
@@ -381,18 +395,31 @@ class Projector:
             out[acting] += derivatives @ columns
         return out
 
-    def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
+    def scores(
+        self, white: Mapping[int, Floats], width: int, steps: Mapping[int, Floats] | None = None
+    ) -> tuple[Floats, Floats, Floats]:
         """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
 
         Of whitened columns (N, V) by joint, zero in joints that are absent: (R, V) scores of all joints' runs,
-        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection.
+        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection. `steps` (R, k)
+        by joint say in which runs each candidate is what `white` (N, m) has, so that sums over runs do.
         """
-        cross = self.crossed(white)
-        gram = np.sum([_products(columns, columns, width) for columns in white.values()], axis=0)
-        scores = np.zeros((len(self.base_scores), cross.shape[1]))
+        count = next(iter((steps or white).values())).shape[1] // (1 if steps else width)
+        scores, gram = np.zeros((len(self.base_scores), count * width)), np.zeros((count, width, width))
+        cross = np.zeros((len(self.solved.inverse), count, width)) if steps else self.crossed(white)
         for joint, columns in white.items():
-            row = self.solved.by_bin[joint]
-            scores[self.runs[joint]] = row.bins.products(row.residual, columns)
+            row, (acting, derivatives) = self.solved.by_bin[joint], self.solved.by_bin[joint].acting
+            by_run = row.bins.products(row.residual, columns)
+            if not steps:
+                scores[self.runs[joint]] = by_run
+                gram += _products(columns, columns, width)
+                continue
+            after = steps[joint]
+            scores[self.runs[joint]] = (after[:, :, None] * by_run[:, None]).reshape(len(after), -1)
+            for n, column in enumerate(columns.T):
+                cross[acting, :, n] += row.bins.products(column, derivatives.T).T @ after
+                gram[:, n] += after.T @ row.bins.products(column, columns)
+        cross = cross.reshape(len(cross), count * width)
         turned, raw = self.solved.inverse @ cross, np.diagonal(gram, axis1=1, axis2=2).ravel()
         return scores - self.base_scores @ turned, gram - _products(cross, turned, width), raw
 

@@ -2,13 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from pumaid.effect_spec import STEP, EffectTerm, Expansion, scale_of
-from pumaid.effects import Samples, Scope
-from pumaid.effects.formula import loads_of
+from pumaid.effect_spec import STEP, scale_of
+from pumaid.effects import Scope
 from pumaid.estimation.fit import Fit, Row, design_of, plausible, with_loads
 from pumaid.estimation.noise import NoiseModel, estimate, excess, inside_runs
 from pumaid.joint_bins import JointBins
@@ -236,7 +234,6 @@ def refit(
     taken from `like`, where not from `before`, if they are the same.
     """
     chosen = [row.bins for row in before.rows] if bins is None else sorted(bins, key=lambda part: -part.joint)
-    before = _unbent(before, model, bins=bins, noise=noise)
     given = dict(noise or {})
     if noise is None and bins is None and not is_renewed:
         given = {row.joint: row.inner for row in before.rows}
@@ -251,33 +248,6 @@ def refit(
     prior = np.append(priors(model, limit), before.prior[len(before.values) :])
     fitted = replace(before, model=model, rows=rows, noises=noises, prior=prior, limit=limit)
     return _solved(fitted, values, before.gains)
-
-
-class _OfLoads(Expansion):
-    """Columns that need loads."""
-
-    needs_loads = True
-
-
-def _unbent(before: Fit, model: Model, **same: Any) -> Fit:
-    """`before` with the ratios of gains that what the last link carries shows, which it lacks and so has bent.
-
-    Fitted with a size of its own at each joint, it needs none, and these are as the gains; `same` goes to `refit`.
-    """
-    present, robot = {term.key for term in before.model.effects}, model.robot
-    carried = next((term for term in model.effects if term.is_carried and term.key not in present), None)
-    if carried is None:
-        return before
-
-    def apart(samples: Samples) -> Floats:
-        return carried.linear(robot, replace(samples, loads=replace(loads_of(samples), gains=np.ones(robot.n_joints))))
-
-    copied = _OfLoads(carried.effect.name, len(carried.parameters(robot)), apart)
-    terms = [term for term in model.effects if term is not carried] + [
-        EffectTerm(copied, row.joint) for row in before.rows
-    ]
-    fitted = refit(before, model.with_effects(terms), **same)
-    return replace(before, solution=replace(before.solution, gains=fitted.gains))
 
 
 def rise(fitted: Fit, edge: int, ratio: float) -> float:
@@ -408,7 +378,7 @@ def _moved_through_loads(fitted: Fit, bins: JointBins) -> Floats:
 
     def drawn(theta: Floats) -> Floats:
         solution = replace(fitted.solution, values=theta[:p], gains=fitted.gains.with_ratios(theta[p:]))
-        samples = with_loads(replace(fitted, solution=solution), bins, terms=model.effects)
+        samples = with_loads(replace(fitted, solution=solution), bins)
         return np.sum([term.linear(model.robot, samples) @ fitted.sizes(place) for place, term in terms], axis=0)
 
     out, start = np.zeros((len(bins), len(theta))), drawn(theta)

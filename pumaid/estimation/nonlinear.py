@@ -1,5 +1,6 @@
 """Effects with shapes: looked for on a grid, refined off it, fitted with everything else, their intervals profiled."""
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -158,10 +159,13 @@ def search_shape(projector: Projector, term: EffectTerm, free: Sequence[str]) ->
     fits = likelihood.at(_grid(projector, term, covered))
     best = max(fits, key=lambda fit: fit[1].gain)
     for name in (name for name in fixed if shapes[name].unit == "s"):
-        near = covered
-        while (near := near.nearer(best[0][name])).starts:
-            fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
-            best = max(fits, key=lambda fit: fit[1].gain)
+        # Starts of runs about the best instant: where runs are many a grid skips some.
+        instants = sorted(point[name] for point, _ in fits)
+        place = instants.index(best[0][name])
+        first = bisect_right(covered.starts, instants[max(place - 1, 0)]) - 1
+        last = bisect_right(covered.starts, instants[min(place + 1, len(instants) - 1)])
+        near = replace(covered, starts=tuple(covered.starts[max(first, 0) : last + 1]))
+        fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
     fits.sort(key=lambda fit: -fit[1].gain)
     best, ranges = fits[0], dict[str, Ends]()
     likely = [point for point, refit in fits if refit.gain >= best[1].gain - WITHIN]
@@ -266,8 +270,7 @@ class EffectFit:
         then with these; a step of the shapes that raised the cost is halved.
         """
         has_shapes, moves = any(term.fitted for term in self.terms.values()), dict[str, float]()
-        # A payload and the ratios that it shows would swing; `with_errors` settles them together.
-        if not has_shapes and all(term.is_carried for term in self.terms.values() if term.needs_loads):
+        if not has_shapes and not self.now().needs_loads():
             return True
         last, cost = self.terms, np.inf
         for _ in range(MOST_ROUNDS):

@@ -31,9 +31,11 @@ SECONDS, RATE = 30.0, 250.0
 @pytest.mark.parametrize("length", [0.024, 0.1])
 def test_one_filter_for_all_leaves_least_squares_the_truth(length):
     """The torque of exact accelerations is explained to the error of differences, however long the cells are."""
+    rng = np.random.default_rng(2)
     robot = read_recipe(shipped_recipes()["puma560"])
-    t, exact = fourier(np.random.default_rng(2), robot.n_joints, SECONDS, RATE)
-    torque = torques(engine(robot, np.random.default_rng(3))[1], exact)
+    model, _ = engine(robot, rng)
+    t, exact = fourier(rng, robot.n_joints, SECONDS, RATE)
+    torque = torques(model, exact)
     table = cells(t, exact[0].T, torque.T, body=base_parameters(robot), length=length)
     assert table.step == pytest.approx(length, abs=0.5 / RATE)
     for joint in range(robot.n_joints):
@@ -100,7 +102,7 @@ def rippled(seed: int, waves: float, size: float, *, rate: float = RATE) -> tupl
     rng = np.random.default_rng(seed)
     robot = read_recipe(shipped_recipes()["pendulum2"])
     t, exact = fourier(rng, 2, 40.0, rate)
-    drawn = torques(engine(robot, rng)[1], exact).T + 0.5 * np.sign(exact[1]).T + rng.normal(0.0, 0.1, (len(t), 2))
+    drawn = torques(engine(robot, rng)[0], exact).T + 0.5 * np.sign(exact[1]).T + rng.normal(0.0, 0.1, (len(t), 2))
     drawn[:, 0] += size * np.cos(waves * exact[0][0] - 1.0)
     return robot, Log("a.csv", np.arange(len(t)) + 2, t, exact[0].T, None, drawn)
 
@@ -142,7 +144,7 @@ def test_inertia_loads_a_joint_that_turns_about_the_vertical(share):
     rng = np.random.default_rng(3)
     robot = arm("RRR", [0.0, TURN, 0.0])
     t, exact = fourier(rng, 3, 40.0, RATE)
-    torque, way = torques(engine(robot, rng)[1], exact).T, np.sign(exact[1]).T
+    torque, way = torques(engine(robot, rng)[0], exact).T, np.sign(exact[1]).T
     drawn = torque + 0.5 * way + rng.normal(0.0, 0.1, torque.shape)
     drawn[:, 0] += share * way[:, 0] * np.abs(torque[:, 0])
     dataset = segment([Log("a.csv", np.arange(len(t)) + 2, t, exact[0].T, None, drawn)], robot)
