@@ -15,7 +15,7 @@ from worlds import PENDULUM, course, run_of
 from pumaid.dataset import Run, first_motions
 from pumaid.diagnosis.candidates import Spectrum, candidates, minus_log10_p, settling, spectrum
 from pumaid.diagnosis.cross_validation import leave_out, refit_losses, replicate_folds
-from pumaid.diagnosis.score_test import ScoreTest, refine_shape, rmse, score_at, score_candidates, score_of, scores_at
+from pumaid.diagnosis.score_test import ScoreTest, refine_shape, score_at, score_candidates, score_of, scores_at
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Scope, catalogue
 from pumaid.estimation import gls
@@ -229,7 +229,7 @@ def test_what_the_model_draws_inside_bins_is_no_error():
     lab = Lab.of(LEVER, design(LEVER))
     row = lab.fitted(lab.noisy(1)).by_bin[1]
     of_bins = np.sqrt(np.average(row.misfit**2, weights=row.bins.count))
-    assert rmse(row.bins, row.misfit) == pytest.approx(of_bins, rel=0.1)
+    assert row.rmse == pytest.approx(of_bins, rel=0.1)
 
 
 def test_rmse_of_runs_left_out_is_that_of_samples():
