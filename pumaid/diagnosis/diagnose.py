@@ -55,7 +55,7 @@ from pumaid.estimation.nonlinear import effect_bins, fit_effects
 from pumaid.joint_bins import JointBins, distinct
 from pumaid.maths import Floats, pseudo_inverse
 from pumaid.model import Model
-from pumaid.preprocessing.hold_out import held_out_otherwise
+from pumaid.preprocessing.hold_out import held_out_otherwise, is_fitted_to
 from pumaid.results.documents import check_same_recipe, model_digest
 from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot
 
@@ -432,7 +432,7 @@ class DiagnosisBuilder:
         return curve(self.robot, row.bins.samples, before=row.misfit, trials=drawn)
 
     def joint(self, joint: int, fit: JointFit | None) -> JointDiagnosis:
-        """What is wrong at one joint (from 1), which the model fits like `fit`."""
+        """What is wrong at one joint (from 1), which the model fits like `fit`, if it is fitted to these logs."""
         judged = self.verdicts.get(joint)
         if judged is None:
             return JointDiagnosis(joint, ADEQUATE, f"joint {joint} never moves alone in these logs", None, None)
@@ -440,7 +440,7 @@ class DiagnosisBuilder:
         split = budget(row.bins, row.misfit, self.robot.joint(joint), floor=fit.noise_floor if fit else None)
         return replace(
             judged,
-            rmse=fit.rmse if fit and fit.rmse else row.rmse,
+            rmse=fit.rmse if fit else row.rmse,
             verdict=UNEXPLAINED_JOINT if shape is not None or joint in self.refuted else judged.verdict,
             noise_floor=None if split.floor is None else float(np.sqrt(split.floor)),
             noise_inside=fit.noise_inside if fit else None,
@@ -578,7 +578,7 @@ def diagnose(
     builder = DiagnosisBuilder(search, reopened(estimate), fitted)
     clocks = len({run.clock for run in runs})
     text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
-    fits = {fit.joint: fit for fit in estimate.joints}
+    fits = {fit.joint: fit for fit in estimate.joints if is_fitted_to(estimate, dataset)}
     causes = sorted((note for note in estimate.notes if note.slug in CAUSES), key=lambda note: CAUSES.index(note.slug))
     return Diagnosis(
         robot=robot.name,

@@ -120,14 +120,18 @@ def hold_out(dataset: Dataset, files: Collection[str]) -> Dataset:
     return replace(dataset, runs=runs, notes=(*dataset.notes, Note("held-out", text)))
 
 
+def is_fitted_to(estimate: Estimate, dataset: Dataset) -> bool:
+    """Whether these logs, and no others, are those that the model was fitted to."""
+    return {facts.digest for facts in dataset.files} == set(estimate.logs.values())
+
+
 def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
     """A note where a model's own logs are divided into fitted and held-out runs in another way than for its fit.
 
     The estimate says how many runs of each joint were fitted and held out, not which; of other logs it says nothing.
     """
-    is_its_own = {facts.digest for facts in dataset.files} == set(estimate.logs.values())
     changed = []
-    for fit in estimate.joints if is_its_own else ():
+    for fit in estimate.joints if is_fitted_to(estimate, dataset) else ():
         marks = [run.heldout for run in dataset.of_joint(fit.joint)]
         changed += [str(fit.joint)] * (len(marks) == fit.runs + fit.heldout_runs and sum(marks) != fit.heldout_runs)
     text = (

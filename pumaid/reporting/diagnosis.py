@@ -322,9 +322,17 @@ def finding_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
         rows.append([str(count), where, names, Cell(words, tone=tone), rmse or "-"])
     forecast = all(item.forecast is not None for item in diagnosis.findings)
     runs = "runs that were not fitted" if forecast else "runs left out of the fit"
-    caption = f"RMSE: of {runs}, without → with the effect, those of the rows above being in the model."
-    header = ("", "joint", "effect", "verdict", "RMSE (A)")
-    return Table("What is missing", header, rows, caption=caption, words=(1, 2, 3)) if len(rows) >= MANY else None
+    return (
+        Table(
+            "What is missing",
+            ("", "joint", "effect", "verdict", "RMSE (A)"),
+            rows,
+            caption=f"RMSE: of {runs}, without → with the effect, those of the rows above being in the model.",
+            words=(1, 2, 3),
+        )
+        if len(rows) >= MANY
+        else None
+    )
 
 
 def candidate_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
