@@ -7,13 +7,7 @@ import numpy as np
 
 from pumaid.design.candidate_runs import free_blocks, postures, speeds, sweeps
 from pumaid.design.collision import Collision
-from pumaid.design.information import (
-    CandidateInformation,
-    Prior,
-    candidate_information,
-    prior_robots,
-    shown_names,
-)
+from pumaid.design.information import CandidateInformation, Prior, candidate_information, prior_robots, shown_names
 from pumaid.io.plan_file import plan_text
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.robot import Robot

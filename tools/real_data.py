@@ -1,6 +1,7 @@
-"""Public recordings of real arms as experiment folders; prints every number of docs/validation.md on them.
+"""Public recordings of real arms as experiment folders; prints the numbers of docs/validation.md on them.
 
-The recordings are looked for where ``PUMAID_REAL_DATA`` points, else in ``shared/data`` beside the checkout.
+The UR10e is not among them: it was run by hand on its repository's files. The recordings are looked for where
+``PUMAID_REAL_DATA`` points, else in ``shared/data`` beside the checkout.
 """
 
 import json
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from pumaid.cli import group
 from pumaid.dataset import load_dataset
@@ -112,13 +113,18 @@ def tx40(place: Path, *, is_geared: bool = False) -> Path:
     return place
 
 
-def run(place: Path, command: str, *words: str) -> tuple[int, Any, str]:
-    """Exit code, JSON document and standard error of a command on a folder's recipe, logs and model; `words` more."""
+def done(place: Path, command: str, *words: str) -> Result:
+    """A command on a folder's recipe, logs and model; `words` more."""
     model = [str(place / "results" / "model.json")] if command in ("compare", "diagnose") else []
     logs = [] if command == "history" else [str(place / "logs"), "--recipe", str(place / "recipe.yaml")]
     results = [] if command in ("compare", "segment") else ["--results", str(place / "results")]
-    done = CliRunner().invoke(group, [command, *model, *logs, *results, *words, "--json"])
-    return done.exit_code, json.loads(done.stdout) if done.stdout else None, done.stderr
+    return CliRunner().invoke(group, [command, *model, *logs, *results, *words])
+
+
+def run(place: Path, command: str, *words: str) -> tuple[int, Any, str]:
+    """Exit code, JSON document and standard error of a command."""
+    result = done(place, command, *words, "--json")
+    return result.exit_code, json.loads(result.stdout) if result.stdout else None, result.stderr
 
 
 def parameters(model: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -193,45 +199,27 @@ def unseen_by_joint(place: Path, effect: str, owner: int, shape: dict[str, float
     }
 
 
-def identified(title: str, place: Path) -> Iterator[str]:
-    """What identify tells of an experiment: values, combinations, or the refusal."""
-    code, model, errors = run(place, "identify")
-    yield title
-    if code:
-        yield from (f"  {line}" for line in errors.splitlines() if line.startswith("error["))
-        return
-    for name, value in parameters(model).items():
-        if value["state"] == "identified":
-            yield f"  {name} = {value['value']:.4f} +- {value['std_error']:.4f} {value['unit']}"
-    for entry in model["combinations"]:
-        yield f"  {entry['text']} = {entry['value']:.4f} +- {entry['std_error']:.4f} {entry['unit']}"
-    for joint in model["joints"]:
-        if joint["runs"]:
-            yield f"  joint {joint['joint']}: RMSE {joint['rmse']:.4f} A, noise floor {joint['noise_floor']}"
-
-
 def together(comparison: dict[str, Any]) -> dict[int, float]:
     """RMSE (A) by joint of a comparison document."""
     return {joint["joint"]: joint["rmse"] for joint in comparison["joints"] if joint["rmse"] is not None}
 
 
 def report(scratch: Path) -> Iterator[str]:
-    """The whole report, line by line."""
-    yield from identified("UR3e", experiment(scratch / "ur3e", "ur3e", files(UR3E)))
+    """The whole report, part by part: what commands print, and the tables made here."""
+    yield done(experiment(scratch / "ur3e", "ur3e", files(UR3E)), "identify").output
     gen3 = experiment(scratch / "gen3", "kinova_gen3", files(GEN3))
-    yield from identified("Gen3", gen3)
+    yield done(gen3, "identify").output
     unseen = experiment(scratch / "together", "kinova_gen3", files(TOGETHER))
     shutil.copytree(gen3 / "results", unseen / "results")
-    _, score, _ = run(unseen, "compare")
-    yield "  all joints moving at once: " + ", ".join(f"joint {k} {rms:.3f} A" for k, rms in together(score).items())
-    yield from identified("double pendulum", experiment(scratch / "dfki", "pendulum2", files(PENDULUM)))
+    yield done(unseen, "compare").output
+    yield done(experiment(scratch / "dfki", "pendulum2", files(PENDULUM)), "identify").output
     for is_geared in (False, True):
         place = tx40(scratch / f"tx40_{is_geared}", is_geared=is_geared)
-        yield from identified("TX40, efforts at joints" if is_geared else "TX40", place)
+        yield done(place, "identify").output
         for joint, (before, after) in unseen_by_joint(place, "coupling", 6, {"on": 5.0}).items():
-            yield f"  coupling@6:on=5, joint {joint}: blocks left out {before:.4f}, {after:.4f}"
+            yield f"coupling@6:on=5, joint {joint}: blocks left out {before:.4f}, {after:.4f}"
     for name in ROLLING:
-        yield from identified(f"bare motor, {name}", experiment(scratch / name, "motor", motor(name)))
+        yield done(experiment(scratch / name, "motor", motor(name)), "identify").output
     yield "| recording | held out | added | fitted (A) | held out (A) |"
     yield "|---|---|---|---|---|"
     for name, judged, models, _ in ladders(scratch):

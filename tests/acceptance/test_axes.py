@@ -27,23 +27,24 @@ TX40 = (
     ((0, 0, 0), (-HALF, 0, 0)),
     ((0, 0, 0), (HALF, np.pi, 0)),
 )
-#: UR3e and UR5e. ros-industrial/universal_robot (BSD-3-Clause), ur_description/config/*/default_kinematics.yaml.
-UR3E = (
-    ((0, 0, 0.15185), (0, 0, 0)),
-    ((0, 0, 0), (1.570796327, 0, 0)),
-    ((-0.24355, 0, 0), (0, 0, 0)),
-    ((-0.2132, 0, 0.13105), (0, 0, 0)),
-    ((0, -0.08535, 0), (1.570796327, 0, 0)),
-    ((0, 0.0921, 0), (1.570796326589793, np.pi, np.pi)),
-)
-UR5E = (
-    ((0, 0, 0.1625), (0, 0, 0)),
-    ((0, 0, 0), (1.570796327, 0, 0)),
-    ((-0.425, 0, 0), (0, 0, 0)),
-    ((-0.3922, 0, 0.1333), (0, 0, 0)),
-    ((0, -0.0997, 0), (1.570796327, 0, 0)),
-    ((0, 0.0996, 0), (1.570796326589793, np.pi, np.pi)),
-)
+
+
+def universal(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> tuple:
+    """A UR arm of these sizes. ros-industrial/universal_robot (BSD-3-Clause), config/*/default_kinematics.yaml."""
+    places = ((0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0))
+    turns = (
+        (0, 0, 0),
+        (1.570796327, 0, 0),
+        (0, 0, 0),
+        (0, 0, 0),
+        (1.570796327, 0, 0),
+        (1.570796326589793, np.pi, np.pi),
+    )
+    return tuple(zip(places, turns, strict=True))
+
+
+UR3E = universal(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921)
+UR5E = universal(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996)
 #: Position of the arm in the published convention = the controller's position + these (deg).
 ZERO = {"staubli_tx40": (0, -90, 90, 0, 0, 0)}
 

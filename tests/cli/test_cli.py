@@ -54,11 +54,7 @@ def test_help_fits_a_screen_and_explains(name):
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (
-            PermissionError(13, "Permission denied", "secret.csv"),
-            3,
-            "error[file-not-readable]: the system says: ",
-        ),
+        (PermissionError(13, "Permission denied", "secret.csv"), 3, "error[file-not-readable]: the system says: "),
         (MemoryError("Unable to allocate 9.50 MiB"), 3, "error[no-memory]: "),
         (ImportError("libarrow.so: failed to map segment from shared object"), 3, "error[no-memory]: "),
         (ZeroDivisionError("by 0"), 4, "bug: pumaid failed with ZeroDivisionError"),

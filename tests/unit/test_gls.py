@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from monte_carlo import Bench
+from scipy import optimize
 from scipy.signal import lfilter
 from worlds import CRANE, PENDULUM, STANFORD, course, dataset, drawn, experiment, fit_runs, only, run_of
 
@@ -304,6 +305,7 @@ REGRESSORS[ROW == 1, 3] = 0.0
 REGRESSORS[ROW == 2, 4] = 0.0
 EXACT = Bilinear(ROW, REGRESSORS, np.zeros(4 * N), OWNERS).scaled(TRUTH) @ VALUES
 SYSTEM = Bilinear(ROW, REGRESSORS, EXACT, OWNERS)
+WEAK = 0.03
 
 
 def test_far_start_still_comes_home():
@@ -311,6 +313,21 @@ def test_far_start_still_comes_home():
     found = fit_bilinear(SYSTEM, 0.3 * VALUES, chain(1.5, 0.5, 0.7))
     assert found.values == pytest.approx(VALUES, rel=1e-6)
     assert [found.gains.edge[edge] for edge in (3, 1, 2)] == pytest.approx([0.5, -1.5, 2.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_reach_the_end_of_a_curved_valley(seed):
+    """Loads nearly alike in row 0, and faint in their own, bend the valley; scipy finds its end from the truth."""
+    draws, rows = np.random.default_rng(seed), REGRESSORS.copy()
+    rows[(ROW[:, None] == OWNERS) & (OWNERS > 0)] *= WEAK
+    rows[ROW == 0, 3:] = rows[ROW == 0, 2:3] + WEAK * draws.normal(size=(N, 2))
+    target = Bilinear(ROW, rows, 0.0 * EXACT, OWNERS).scaled(TRUTH) @ VALUES + 1e-3 * WEAK * draws.normal(size=4 * N)
+    system, start = Bilinear(ROW, rows, target, OWNERS), chain(0.1, -0.3, 0.4)
+    found = fit_bilinear(system, least_squares(system.scaled(start), target).values, start)
+    least = optimize.least_squares(
+        lambda at: system.left(at[:5], TRUTH.with_ratios(at[5:])), [*VALUES, *TRUTH.ratios], x_scale="jac", xtol=1e-14
+    )
+    assert found.residual @ found.residual == pytest.approx(2.0 * least.cost, rel=1e-3)
 
 
 def test_prior_holds_only_what_the_data_do_not():

@@ -137,10 +137,7 @@ def test_nonsense_is_refused(plan, rate, slug):
             [((0, 60, 0, 15, -15, -105, -120), 3, -135, 135, 80), ((-90, -60, -105, 15, 30, -75, 0), 7, 0, 45, 21)],
         ),
         # A boom that passes its middle, where the arm is far lighter than at either end of the way.
-        (
-            "stanford",
-            [((0, -45, 1.0237, 45, -45, -15), 1, -53, 0, 25), ((-75, 105, 1.26, 0, -30, 0), 6, 0, 135, 66)],
-        ),
+        ("stanford", [((0, -45, 1.0237, 45, -45, -15), 1, -53, 0, 25), ((-75, 105, 1.26, 0, -30, 0), 6, 0, 135, 66)]),
     ],
 )
 def test_an_arm_that_gets_lighter_is_held(arm, motions):

@@ -179,12 +179,7 @@ def test_results_say_the_unit_of_currents_that_are_torques(tmp_path):
     logs, model = str(arm / "logs"), str(arm / "results" / "model.json")
     texts = [
         invoke(*words).stdout
-        for words in (
-            ("identify", logs),
-            ("compare", model, logs),
-            ("diagnose", model, logs),
-            ("history", str(arm)),
-        )
+        for words in (("identify", logs), ("compare", model, logs), ("diagnose", model, logs), ("history", str(arm)))
     ]
     assert invoke("report", model, logs).exit_code == 0
     texts.append(re.sub(r"(?s)<(script|style).*?</\1>", "", (arm / "results" / "report.html").read_text()))

@@ -148,11 +148,7 @@ def test_the_arm_in_a_tree(made, joints, inside, ends, arm, left_out) -> None:
         ([("j1", "base", "a")], {}, {"tip": "base"}, "no joints move"),
         ([(f"j{n}", f"l{n}", f"l{n + 1}") for n in range(51)], {}, {}, "51 joints"),
         ([("j1", "base", "flange")], {}, {"tip": "flnage"}, "did you mean flange?"),
-        (
-            [*TORSO[:3], ("l2", "a", "b"), ("r2", "c", "d")],
-            *({}, {}),
-            "--tip LINK, of b, d",
-        ),
+        ([*TORSO[:3], ("l2", "a", "b"), ("r2", "c", "d")], *({}, {}), "--tip LINK, of b, d"),
     ],
 )
 def test_what_no_recipe_can_state(made, joints, inside, ends, said: str) -> None:
