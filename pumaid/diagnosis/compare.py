@@ -302,15 +302,13 @@ class _Decomposition:
 
     def _fit(self) -> Fit:
         """What score tests ask of a fit: the residual beside what was taken out of it."""
-        white = self.noise.whiten(self.bins, np.column_stack([self.basis, self.residual]))
-        jacobian = white[:, :-1]
-        row = FitRow(self.bins, self.noise, jacobian, white[:, -1], self.basis, self.residual)
+        row = FitRow(self.bins, self.noise, self.basis, self.residual)
         return cast(
             Fit,
             SimpleNamespace(
                 joints=(row,),
                 by_bin={self.bins.joint: row},
-                inverse=np.linalg.pinv(jacobian.T @ jacobian, hermitian=True),
+                inverse=np.linalg.pinv(row.jacobian.T @ row.jacobian, hermitian=True),
                 scale=1.0,
                 model=SimpleNamespace(robot=None),  # a dependence asks for no robot
                 signs=lambda term: np.zeros(term.effect.width),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from pumaid.dataset import FirstMotions, Run
 from pumaid.diagnosis.candidates import settling
 from pumaid.effect_spec import EffectTerm, marked
 from pumaid.effects import Family, Scope
-from pumaid.estimation.fit import Fit, at_bins, loaded, with_loads
+from pumaid.estimation.fit import Fit, FitRow, loaded, with_row
 from pumaid.estimation.gls import fit_bins, refit, with_settled_loads
 from pumaid.estimation.noise import NoiseModel, noise_of
 from pumaid.joint_bins import COARSE, FINE, JointBins, joint_bins
@@ -76,7 +78,7 @@ class EffectFits:
     def where_it_shows(self, solved: Fit, term: EffectTerm) -> Fit:
         """A fit with the finest bins of the joint of a fast wave, the noise there beside this; else as it is."""
         bins = next((fine for coarse, fine in zip(*self.bins, strict=True) if _is_fast(term, coarse)), None)
-        return solved if bins is None else with_noise_beside(solved, bins, term)
+        return solved if bins is None else with_noise_beside(solved, _finely(solved, bins), term)
 
     def _unsized(
         self,
@@ -98,10 +100,16 @@ class EffectFits:
         return fitted
 
 
-def with_noise_beside(solved: Fit, bins: JointBins, term: EffectTerm) -> Fit:
-    """A fit at some bins of a joint, the noise there what is left beside an effect: what it explains is none."""
-    misfit, columns = solved.misfit(bins), term.linear(solved.model.robot, with_loads(solved, bins))
-    return at_bins(solved, bins, noise_of(bins, misfit - columns @ np.linalg.lstsq(columns, misfit, rcond=None)[0]))
+@lru_cache(maxsize=8)  # the same for all waves of a joint
+def _finely(solved: Fit, bins: JointBins) -> FitRow:
+    return solved.at(bins)
+
+
+def with_noise_beside(solved: Fit, row: FitRow, term: EffectTerm) -> Fit:
+    """A fit with this row of a joint, the noise there what is left beside an effect: what it explains is none."""
+    columns = term.linear(solved.model.robot, row.bins.samples)
+    remaining = row.misfit - columns @ np.linalg.lstsq(columns, row.misfit, rcond=None)[0]
+    return with_row(solved, replace(row, noise=noise_of(row.bins, remaining)))
 
 
 def _noises(fitted: Fit) -> dict[int, NoiseModel]:

@@ -109,7 +109,7 @@ def free_form_tests(solved: Fit, joint: int) -> list[FormTest]:
     row, tests = solved.by_bin[joint], list[tuple[ScoreTest, Fit]]()
     for form in forms(row.bins):
         term = EffectTerm(form, joint)
-        on = solved if row.noise.from_replicates else with_noise_beside(solved, row.bins, term)
+        on = solved if row.noise.from_replicates else with_noise_beside(solved, row, term)
         trial = _scored(on, term)
         tests += [(trial, on)] if trial is not None else []
     chances = sign_flips(ScoreTable(solved, Candidates(), tuple(trial for trial, _ in tests)))

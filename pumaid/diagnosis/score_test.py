@@ -98,8 +98,7 @@ class ScoreTable:
         """(R,) 1 / sqrt(1 - parameters a run), the bias of scores of runs that were themselves fitted (HC2's)."""
         parts = []
         for row in self.solved.joints:
-            runs, (acting, derivatives) = len(row.bins.runs), row.acting
-            used = float(np.sum((derivatives @ derivatives.T) * self.solved.inverse[np.ix_(acting, acting)]))
+            runs, used = len(row.bins.runs), float(np.sum((row.jacobian.T @ row.jacobian) * self.solved.inverse))
             parts.append(np.full(runs, 1.0 / np.sqrt(max(LEAST_FREEDOM, 1.0 - used / runs))))
         return np.concatenate(parts)
 

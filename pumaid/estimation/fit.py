@@ -102,16 +102,26 @@ class Row:
 class FitRow:
     """One joint of a fit, bin by bin: its N bins, with loads by the fit where effects need them, and their noise.
 
-    `jacobian` (N, P) is the derivative of the prediction by every parameter and ratio, `residual` (N,) what the fit
-    leaves, both whitened; `bare` and `misfit` are the same in A.
+    `bare` (N, P) is the derivative of the prediction by every parameter and ratio, `misfit` (N,) A what the fit leaves;
+    `jacobian` and `residual` are the same, whitened.
     """
 
     bins: JointBins
     noise: NoiseModel
-    jacobian: Floats
-    residual: Floats
     bare: Floats
     misfit: Floats
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """(N, P) whitened, column after column."""
+        live, out = np.flatnonzero(self.bare.any(axis=0)), np.zeros(self.bare.shape, order="F")
+        out[:, live] = self.noise.whiten(self.bins, self.bare.T[live].T)
+        return out
+
+    @cached_property
+    def residual(self) -> Floats:
+        """(N,) whitened."""
+        return self.noise.whiten(self.bins, self.misfit)
 
     @property
     def drawn(self) -> Floats:
@@ -122,12 +132,6 @@ class FitRow:
     def rmse(self) -> float:
         """RMSE (A) of the samples; within bins the prediction is taken for a straight line."""
         return float(np.sqrt(np.average(self.bins.squares(self.misfit), weights=self.bins.count)))
-
-    @cached_property
-    def acting(self) -> tuple[Counts, Floats]:
-        """(p,) numbers of the parameters and ratios that act here, and (p, N) the whitened derivatives by them."""
-        numbers = np.flatnonzero(self.jacobian.any(axis=0))
-        return numbers, self.jacobian.T[numbers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,11 +246,8 @@ class Fit:
         """
         local = self._beside(bins, design)
         bins = bins if design is not None else bins.with_samples(with_loads(self, bins))
-        bare, misfit = local.jacobian(self.gains, self.values), local.left(self.values, self.gains)
-        noise, live = noise or noise_of(bins, misfit), np.flatnonzero(bare.any(axis=0))
-        jacobian = np.zeros(bare.shape, order="F")
-        jacobian[:, live] = noise.whiten(bins, bare.T[live].T)
-        return FitRow(bins, noise, jacobian, noise.whiten(bins, misfit), bare, misfit)
+        misfit = local.left(self.values, self.gains)
+        return FitRow(bins, noise or noise_of(bins, misfit), local.jacobian(self.gains, self.values), misfit)
 
     def misfit(self, bins: JointBins, design: Floats | None = None) -> Floats:
         """(N,) A that it leaves at any bins of a joint, whose (N, p) `design` is made where not given."""
@@ -276,9 +277,9 @@ def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Sampl
     )
 
 
-def at_bins(fitted: Fit, bins: JointBins, noise: NoiseModel) -> Fit:
-    """The same fit with one joint's row at other bins, of some noise; what it holds stays held."""
-    other, half = fitted.with_rows({bins.joint: fitted.at(bins, noise=noise)}), fitted.solution.linear.half
+def with_row(fitted: Fit, row: FitRow) -> Fit:
+    """The same fit with one joint's row at other bins, or of other noise; what it holds stays held."""
+    other, half = fitted.with_rows({row.bins.joint: row}), fitted.solution.linear.half
     half = half @ inverse_root(half.T @ (other.information() + np.diag(fitted.prior**2)) @ half)
     linear = replace(fitted.solution.linear, half=half)
     return replace(fitted, solution=replace(fitted.solution, linear=linear)).with_rows(other.by_bin)
@@ -350,7 +351,7 @@ class Projector:
         """(R, P) score of each run for the fit's parameters."""
         out = np.zeros((sum(len(row.bins.runs) for row in self.solved.joints), len(self.solved.inverse)))
         for row in self.solved.joints:
-            out[self.runs[row.bins.joint], row.acting[0]] = row.bins.products(row.residual, row.acting[1].T)
+            out[self.runs[row.bins.joint]] = row.bins.products(row.residual, row.jacobian)
         return out
 
     def columns(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
@@ -391,8 +392,7 @@ class Projector:
         """(P, V) products of the fit's derivatives with whitened columns (N, V) by joint."""
         out = np.zeros((len(self.solved.inverse), next(iter(white.values())).shape[1]))
         for joint, columns in white.items():
-            acting, derivatives = self.solved.by_bin[joint].acting
-            out[acting] += derivatives @ columns
+            out += self.solved.by_bin[joint].jacobian.T @ columns
         return out
 
     def scores(
@@ -408,7 +408,7 @@ class Projector:
         scores, gram = np.zeros((len(self.base_scores), count * width)), np.zeros((count, width, width))
         cross = np.zeros((len(self.solved.inverse), count, width)) if steps else self.crossed(white)
         for joint, columns in white.items():
-            row, (acting, derivatives) = self.solved.by_bin[joint], self.solved.by_bin[joint].acting
+            row = self.solved.by_bin[joint]
             by_run = row.bins.products(row.residual, columns)
             if not steps:
                 scores[self.runs[joint]] = by_run
@@ -417,7 +417,7 @@ class Projector:
             after = steps[joint]
             scores[self.runs[joint]] = (after[:, :, None] * by_run[:, None]).reshape(len(after), -1)
             for n, column in enumerate(columns.T):
-                cross[acting, :, n] += row.bins.products(column, derivatives.T).T @ after
+                cross[:, :, n] += row.bins.products(column, row.jacobian).T @ after
                 gram[:, n] += after.T @ row.bins.products(column, columns)
         cross = cross.reshape(len(cross), count * width)
         turned, raw = self.solved.inverse @ cross, np.diagonal(gram, axis1=1, axis2=2).ravel()

@@ -288,15 +288,7 @@ def with_settled_loads(fitted: Fit) -> Fit:
     through = _through_loads(settled)
     out = _linearised(settled, through)
     return out.with_rows(
-        {
-            joint: replace(
-                row,
-                bare=row.bare + through[joint],
-                jacobian=row.jacobian + row.noise.whiten(row.bins, through[joint]),
-            )
-            for joint, row in out.by_bin.items()
-            if joint in through
-        }
+        {joint: replace(row, bare=row.bare + through[joint]) for joint, row in out.by_bin.items() if joint in through}
     )
 
 
