@@ -324,8 +324,7 @@ def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
     pitch = float(np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0])))
     # Roll from what is left when yaw is taken out: near a right angle the errors of both then cancel.
     side = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-    roll = float(np.arctan2(-side @ rotation[:, 2], side @ rotation[:, 1]))
-    return roll, pitch, yaw
+    return float(np.arctan2(-side @ rotation[:, 2], side @ rotation[:, 1])), pitch, yaw
 
 
 def grouped(count: int, alike: Callable[[int, Counts], Counts]) -> Iterator[list[int]]:

@@ -142,7 +142,7 @@ def slugs_of(stderr: str) -> set[str]:
 WARNINGS = {
     "beyond-limits", "clock-jitter", "current-dropouts", "current-frozen",
     "current-saturated", "current-spikes", "few-runs", "friction-falls-with-speed",
-    "logs-disagree", "model-misses", "position-held", "position-wraps", "time-unit",
+    "logs-disagree", "model-misses", "position-coarse", "position-held", "position-wraps", "time-unit",
     "repeats-differ", "run-stands-out", "sign-odd", "units-disagree",
     "velocity-unrelated",
 }  # fmt: skip

@@ -31,15 +31,8 @@ def _result(found):
 
 
 KNOWN = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign", "power")}
-KNOWN |= {
-    "max": np.maximum,
-    "min": np.minimum,
-    "floor": np.floor,
-    "numel": np.size,
-    "struct": SimpleNamespace,
-    "copied": deepcopy,
-}
-KNOWN["isempty"] = lambda values: np.size(values) == 0
+KNOWN |= {"max": np.maximum, "min": np.minimum, "floor": np.floor, "numel": np.size, "struct": SimpleNamespace}
+KNOWN |= {"copied": deepcopy, "isempty": lambda values: np.size(values) == 0}
 KNOWN |= {
     "cross": lambda one, other: _result(np.cross(one, other)),
     "dot": lambda one, other: float(np.sum(one * other)),

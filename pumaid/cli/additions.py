@@ -141,8 +141,7 @@ def added(
             if _is_addable(item, estimate) and not any(_is_same(item, other) for other in refused)
         ]
         # With what has a name in the model, a curve may have one, too.
-        named = [item for item in new if not catalogue()[item.effect].is_free]
-        return (named or new)[: MOST_ADDED - len(done)]
+        return ([item for item in new if not catalogue()[item.effect].is_free] or new)[: MOST_ADDED - len(done)]
 
     while new := addable():
         count = len(done)

@@ -140,8 +140,10 @@ def rendered(
         undefined=jinja2.StrictUndefined,
     )
     environment.filters |= filters or {}
-    texts = {name: environment.get_template(name).render(values) for name in templates}
-    return {name.removeprefix("model").removesuffix(".txt"): text for name, text in texts.items()}
+    return {
+        name.removeprefix("model").removesuffix(".txt"): environment.get_template(name).render(values)
+        for name in templates
+    }
 
 
 # Names and heads of files

@@ -195,8 +195,7 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
         if isinstance(entry, RunForm):
             places += [("from", moving, entry.start), ("to", moving, entry.end), ("velocity", moving, entry.velocity)]
             if entry.start == entry.end:
-                what = f"the run goes from {entry.start:g} to the same place"
-                yield ((*path, "to"), what, "give the span another end")
+                yield (*path, "to"), f"the run goes from {entry.start:g} to the same place", "give the span another end"
         for key, joint, value in places:
             unit, scale = units[joint.number - 1]
             speeds = None if joint.max_velocity is None else (0.0, joint.max_velocity)

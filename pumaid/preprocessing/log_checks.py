@@ -31,6 +31,7 @@ from pumaid.preprocessing.joint_signals import (
     signals_of,
 )
 from pumaid.preprocessing.log_statistics import LogStatistics
+from pumaid.preprocessing.parallel_filter import LONGEST_CELL
 from pumaid.units import CURRENTS_IN, factor, number
 
 #: What a test yields: figures of the message, and `joint` (from 1) where it is one joint's, `fault` where not the rule.
@@ -43,7 +44,8 @@ BEYOND = 1.5
 #: rad; two turns each way: one joint beyond may turn endlessly, two of an arm do not. And less than any experiment.
 FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
-STILL_TIME, UNEQUAL = 0.5, 2.0
+#: Steps in a cell, at a joint's RMS speed, below which accelerations are mostly noise.
+STILL_TIME, UNEQUAL, FEWEST_STEPS = 0.5, 2.0, 10
 #: Displacement over integrated velocity below which velocities are of motors before gears, and no clock is so wrong.
 GEARED = 0.05
 #: What currents are in where their unit is another.
@@ -300,6 +302,10 @@ OTHER_CHECKS = (
                 and j.step_sum > UNEQUAL * j.least_step * j.step_count),
           "position of joint {joint} often repeats while it moves, and then jumps: it is measured less often than it "
           "is logged, or its log repeats samples", "inertia and the ends of runs suffer"),
+    Check("position-coarse", _first(lambda j: j.speed * LONGEST_CELL < FEWEST_STEPS * j.least_step < math.inf),
+          "positions of joint {joint}{alike} come in steps of {j.least_step:.3g} {j.joint.position_unit}, at its usual "
+          f"speed fewer than {FEWEST_STEPS} in {LONGEST_CELL:g} s",
+          "where several joints move inertia comes out too small; write more digits, or take a finer encoder"),
     Check("current-unmeasured", _each(lambda j: j.copy_of),
           "joints {j.copy_of} and {joint} have the same current in every sample",
           "give each joint its own column; leave out one that was not measured", column="current", fault=True),

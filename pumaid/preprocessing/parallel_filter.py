@@ -40,6 +40,9 @@ SHORTEST_CELL, LONGEST_CELL, PART = 0.024, 0.12, 0.012
 ACCELERATION_NOISE = 0.005
 #: rad/s or m/s, below which a joint may stick: cells that hold a slower sample of it say nothing of its current.
 STICKING = 0.05
+#: Noise of speeds from one sample to the next that is left, as a share of the RMS speed, where it is beyond half of
+#: `STICKING`: samples are averaged so far that no more is, but at least so many means are in a cell.
+SPEED_NOISE, FEWEST_MEANS = 0.05, 3
 #: Share of the steps' mean by which sampling may be uneven; beyond it positions are interpolated.
 UNEVEN = 1e-3
 
@@ -189,7 +192,8 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     """A block of (N,) times, (N, J) positions and currents in cells of some `length` (s); None where it is too short.
 
     Velocities and accelerations are plain central differences: the one filter smooths them, products of them, and the
-    current alike, so that least squares returns the truth whatever the motion.
+    current alike, so that least squares returns the truth whatever the motion. Positions in steps so coarse that these
+    would be noise are averaged over some samples first, and currents with them.
 
     Source: M. Gautier, ICRA 1997 (parallel filtering), with differences inside the filter.
     """
@@ -200,8 +204,18 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     if np.abs(np.diff(time) - step).max() > UNEVEN * step:
         position = np.column_stack([np.interp(even, time, column) for column in position.T])
         current = np.column_stack([np.interp(even, time, column) for column in current.T])
+    raw, lag = current.T, min(max(round(length / step), 1), len(time) - 1)
+    speed = np.sqrt(np.mean((position[lag:] - position[:-lag]) ** 2, axis=0)) / (lag * step)
+    noise = np.where(speed > STICKING, [position_noise(column) for column in position.T], 0.0)
+    wanted = (noise / (math.sqrt(2.0) * step * np.maximum(SPEED_NOISE * speed, 0.5 * STICKING))) ** (2.0 / 3.0)
+    averaged = max(min(math.ceil(wanted.max()), int(length / (FEWEST_MEANS * step))), 1)
+    groups, step = len(even) // averaged, averaged * step
+    even, position, current = (
+        part[: groups * averaged].reshape(groups, averaged, *part.shape[1:]).mean(axis=1)
+        for part in (even, position, current)
+    )
     width = max(round(length / step), 1)
-    if len(time) - 2 < 4 * width:
+    if groups - 2 < 4 * width:
         return None
     q = np.ascontiguousarray(position.T)
     rate = (q[:, 2:] - q[:, :-2]) / (2.0 * step)
@@ -226,9 +240,10 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     place, edges = np.arange(width)[:, None], np.arange(k + 1) * (width / k)
     shares = np.maximum(np.minimum(place + 1, edges[1:]) - np.maximum(place, edges[:-1]), 0.0) * (k / width)
     within = [v[:, width : (count + 1) * width].reshape(-1, count, width) for v in (current.T[:, 1:-1], inner)]
-    variance, measured = about_line(within[0]).T, np.stack([v @ shares for v in within], axis=-1)
+    samples = raw[:, (width + 1) * averaged : ((count + 1) * width + 1) * averaged].reshape(-1, count, width * averaged)
+    variance, measured = about_line(samples).T, np.stack([v @ shares for v in within], axis=-1)
     time = even[0] + middle[:, 0]
-    return Cells(width * step, time, position, velocity, curve, drawn.T, columns, variance, measured, width)
+    return Cells(width * step, time, position, velocity, curve, drawn.T, columns, variance, measured, width * averaged)
 
 
 def about_line(values: Floats) -> Floats:
@@ -252,5 +267,4 @@ def _weighted(values: Floats, width: int) -> Floats:
 
 def _summed(weighted: Floats) -> Floats:
     """(K, M) means over cells and their neighbours."""
-    count = weighted.shape[1] - ROUNDS + 1
-    return np.sum([weighted[:, k : k + count, k] for k in range(ROUNDS)], axis=0)
+    return np.sum([weighted[:, k : weighted.shape[1] - ROUNDS + 1 + k, k] for k in range(ROUNDS)], axis=0)

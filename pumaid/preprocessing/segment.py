@@ -341,8 +341,7 @@ def _with_blocks(pieces: list[Piece], time: Floats) -> list[Piece]:
             continue
         first, last = active[0], active[-1]
         joints = sorted({joint for k in active for joint in part[k].joints})
-        block = Piece(part[first].start, part[last].stop, BLOCK, tuple(joints))
-        out += [*part[:first], block, *part[last + 1 :]]
+        out += [*part[:first], Piece(part[first].start, part[last].stop, BLOCK, tuple(joints)), *part[last + 1 :]]
     return out
 
 

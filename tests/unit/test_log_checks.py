@@ -179,6 +179,8 @@ CASES = {
     "slow bus": (with_current(held_every(0.05), joint=None), {}, "current-frozen", " ms"),
     "every other sample": (with_current(held_every(0.01), joint=None), {}, "", ""),
     "freezes": (with_current(frozen), {}, "current-frozen", "% of the time"),
+    "whole degrees": (lambda log: replace(log, position=np.round(DEG * log.position) / DEG, velocity=None), {},
+                      "position-coarse", "steps of 0.0175"),
     "position repeated": (repeated(2, 1e-6), {}, "position-held", ""),
     "position repeated in steps": (repeated(3, 2e-4), {}, "position-held", ""),
     "few absurd currents": (with_current(lambda i, log: np.where(np.arange(len(i)) % 997 == 500, 1e5, i)),

@@ -82,6 +82,20 @@ def test_coarse_encoders_get_longer_cells(counts, low, high):
     assert noise < 0.01
 
 
+def test_coarse_steps_of_positions_leave_friction_its_size():
+    """In steps of 0.01 rad at 100 Hz a sample's speed is a step or none; Coulomb friction was off by a fifth RMS."""
+    robot, errors = read_recipe(shipped_recipes()["puma560"]), []
+    for rng in map(np.random.default_rng, range(3)):
+        t, exact = fourier(rng, robot.n_joints, 60.0, 100.0)
+        torque = torques(engine(robot, rng)[0], exact)
+        current = torque / torque.std(axis=1, keepdims=True) + 0.3 * np.sign(exact[1]) + 0.3 * exact[1]
+        table = cells(t, np.round(exact[0].T, 2), current.T, body=base_parameters(robot), length=LONGEST_CELL)
+        for speed, drawn, columns in zip(table.velocity.T, table.current.T, table.columns, strict=True):
+            design, moving = np.column_stack([np.sign(speed), speed, columns]), np.isfinite(drawn)
+            errors.append(np.linalg.lstsq(design[moving], drawn[moving], rcond=None)[0][0] / 0.3 - 1.0)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.15
+
+
 @pytest.mark.parametrize("finest", [(), (1,)])
 def test_ripples_are_promised_up_to_half_of_their_power(finest):
     """At the frequency up to which the limit of ripples holds, half of a wave's power is left in cells, or parts."""

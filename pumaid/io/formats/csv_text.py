@@ -291,8 +291,7 @@ def _delimiter(lines: list[str]) -> str:
 
     def agreement(delimiter: str) -> tuple[int, int]:
         counts = [len(cells(line, delimiter)) for line in lines]
-        agree = sum(abs(count - counts[0]) <= 1 for count in counts)
-        return (agree, counts[0]) if counts[0] > 1 else (0, 0)
+        return (sum(abs(count - counts[0]) <= 1 for count in counts), counts[0]) if counts[0] > 1 else (0, 0)
 
     return max((";", "\t", "|", ",", _SPACES), key=agreement)
 
