@@ -54,7 +54,8 @@ class Experiment:
         try:
             return find_recipe(self.recipe, [Path(log) for log in self.logs])
         except RecipeError:
-            expand(self.logs)  # where they are not there, it is not the recipe beside them that is missing
+            if self.logs:  # where they are not there, it is not the recipe beside them that is missing
+                expand(self.logs)
             raise
 
     @property

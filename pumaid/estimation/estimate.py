@@ -430,8 +430,7 @@ def of_runs(fitted: Fit, at_joints: Mapping[int, JointPrediction]) -> Iterator[N
         off = logs - np.median(logs)
         scatter = max(1.4826 * float(np.median(np.abs(off))), np.finfo(float).eps)
         chance = len(steady) * np.array([two_sided(ratio, len(steady) - 1) for ratio in off / scatter])
-        is_odd = (rms[steady] > max(ODD * usual, SEEN * size)) & (chance < FAMILYWISE)
-        odd = steady[is_met & is_odd]
+        odd = steady[is_met & (rms[steady] > max(ODD * usual, SEEN * size)) & (chance < FAMILYWISE)]
         if 0 < len(odd) <= MOST_ODD * len(steady):
             first, error = bins.runs[odd[0]], float(np.sqrt(np.mean(rms[odd] ** 2)))
             where = Where(file=first.origin, row=first.first_row, joint=bins.joint)

@@ -8,7 +8,7 @@ MODEL = "results/model.json"
 BAD_INPUT = {
     "effects coulom": "error[unknown-effect]: there is no effect 'coulom'\n  fix: did you mean coulomb?",
     "identify nowhere": "no-such-log",
-    "identify logs --recipe nothing.yaml": "recipe-not-found",
+    **dict.fromkeys(("identify logs --recipe nothing.yaml", "plan nothing", "simulate ur9"), "recipe-not-found"),
     "identify logs --recipe puma560": "column-missing",
     "identify logs -o /proc/model.json": "cannot-write",
     "identify logs --add ripple@": "effect-joint",
