@@ -174,17 +174,18 @@ def inside_runs(bins: JointBins, design: Floats) -> tuple[NoiseModel, float]:
     """White noise of a sample alike in all runs, and how many times its density slow noise has inside runs.
 
     It is what each run leaves beside its own fit of (N, p) `design` and its first harmonic, where runs are long enough
-    to tell; else the scatter inside bins. To estimate parameters nothing is whitened within runs: that would lift the
-    band in which what a model lacks, and the noise of smoothed accelerations, live.
+    to tell; else the scatter inside bins or, where these hold one sample each, what all runs leave. To estimate
+    parameters nothing is whitened within runs: that would lift the band in which what a model lacks, and the noise of
+    smoothed accelerations, live.
     """
     drawn, lost = fit_each_run(bins, np.column_stack([design, bins.harmonic]))
     residual = bins.current - drawn
-    enough = bins.lengths >= np.maximum(FEWEST_OF_RUN, 2 * lost)
-    pieces = np.split(residual, bins.first[1:])
+    runs = np.flatnonzero(bins.lengths >= np.maximum(FEWEST_OF_RUN, 2 * lost))
+    pieces, free = np.split(residual, bins.first[1:]), len(residual) - int(lost.sum())
+    unknown = float(residual @ residual) / free if free > 0 else bins.mean_square
     floor = max(EXACT * float(np.sqrt(bins.mean_square)), 1e-70)
     correlation = np.zeros(len(pieces))
-    spread = np.full(len(pieces), float(np.sqrt(bins.inside.sum() / bins.count.sum())))
-    runs = np.flatnonzero(enough)
+    spread = np.full(len(pieces), float(np.sqrt(bins.inside.sum() / bins.count.sum() or unknown)))
     if len(runs):
         correlation, spread = _moments_by_step(bins.step, [pieces[k] for k in runs], runs, lost[runs].astype(float))
     spread = np.maximum(spread, floor)

@@ -50,9 +50,8 @@ def test_noise_repeats_by_chance_alone(din):
     # The noise by which runs are whitened is taken from the differences of the same pairs, and flips do not undo that.
     found = np.array([of(lever(), seed, din=din).p_value for seed in range(100)])
     for level, told in ((0.05, 0.1), (0.5, 0.65)):
-        assert (
-            stats.binom.ppf(0.001, 100, level) <= np.count_nonzero(found <= level) <= stats.binom.ppf(0.999, 100, told)
-        )
+        least, most = stats.binom.ppf(0.001, 100, level), stats.binom.ppf(0.999, 100, told)
+        assert least <= np.count_nonzero(found <= level) <= most
 
 
 def test_what_repeats_is_seen_below_the_noise():

@@ -64,6 +64,13 @@ def test_few_runs_take_their_noise_from_inside():
     assert np.mean(found) == pytest.approx(long_run, rel=0.5)
 
 
+def test_bins_of_one_sample_show_their_noise():
+    """Of a run of ten samples it passed for none, and errors came out a billion times too small."""
+    path, current = course("stroke", -1.0, 1.0, duration=4.0, samples=10), np.random.default_rng(2).normal(size=10)
+    fitted = fit_runs(PENDULUM, [run_of(PENDULUM, 2, [0.3, 0.0], course=path, current=current, bins=10)])
+    assert 0.3 < fitted.noises[2].spread[0] < 3.0
+
+
 def test_a_load_of_unknown_size_gets_a_usual_ratio():
     """A slide held nearly level in its runs: only ratio times load is known, and the ratio stays of order one."""
     truth, plan = drawn(STANFORD, noisy=False), experiment(STANFORD)

@@ -56,9 +56,8 @@ def test_shares_stand_in_the_bars(context, figures):
     joints[0] = replace(joints[0], shares={"gravity": 0.2, "coulomb+viscous": 0.79, "unexplained": 0.01})
     merged = replace(context, comparison=replace(context.comparison, joints=tuple(joints)))
     drawing = model.share_figure(merged)
-    assert (
-        "Coulomb friction + viscous friction" in drawing.file(INLINE).decode() and "share a colour" in drawing.caption
-    )
+    assert "share a colour" in drawing.caption
+    assert "Coulomb friction + viscous friction" in drawing.file(INLINE).decode()
 
 
 def test_legends_name_the_directions_of_the_runs(context, figures):

@@ -92,8 +92,7 @@ def test_the_tip_of_a_standard_table_is_the_end_of_its_last_row(tmp_path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("head", "table", "joints", "kind"),
-    [(HEAD, UR5E, "5 and 6", "standard"), (STANDARD, PUMA, "1 and 2", "modified")],
+    ("head", "table", "joints", "kind"), [(HEAD, UR5E, "5 and 6", "standard"), (STANDARD, PUMA, "1 and 2", "modified")]
 )
 def test_a_table_of_the_other_kind_is_told_by_two_joints_on_one_line(tmp_path, head, table, joints, kind) -> None:
     """The refusal names the joints and the key that mends it, and that mends it."""
