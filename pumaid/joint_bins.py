@@ -174,10 +174,11 @@ class JointBins:
 
     @cached_property
     def nodes(self) -> tuple[Samples, Floats]:
-        """Three instants in each bin (3 N), and (N, 3) weights with which values there make the mean over the bin.
+        """k instants in each bin (k N), and (N, k) weights with which values there make the mean over the bin.
 
-        They match the first five moments of as many equal steps as the bin has samples, so that a ripple with two bins
-        a period is not averaged away, and a bin of three samples or fewer is exact.
+        One where all bins are of one sample, else three. They match the first five moments of as many equal steps as
+        the bin has samples, so that a ripple with two bins a period is not averaged away, and a bin of three samples or
+        fewer is exact.
         """
         n, moving, time = self.count, self.joint - 1, self.samples.time
         is_block, is_cell = self.is_block[self.run], self.is_cells[self.run]
@@ -187,6 +188,8 @@ class JointBins:
         step = ((time[last] - time[self.first]) / np.maximum(between, 1.0))[self.run]
         step = np.where(is_block, self.step[self.run] / n, step)
         spread = np.sqrt(np.maximum(3.0 * n**2 - 7.0, 0.0) / 20.0)
+        if not spread.any():
+            return self.samples, np.ones((len(n), 1))
         side = np.divide(n**2 - 1.0, 24.0 * spread**2, out=np.zeros(len(n)), where=spread > 0)
         # The window of a block's cells is three means over a cell, of variance a quarter of its square.
         spread, side = np.where(is_cell, np.sqrt(0.75) * n, spread), np.where(is_cell, 1.0 / 6.0, side)
@@ -212,14 +215,14 @@ class JointBins:
         return self.averaged(np.column_stack([np.cos(q), np.sin(q)]))
 
     def averaged(self, values: Floats) -> Floats:
-        """(3 N, ...) values at the nodes as (N, ...) means over the bins."""
-        return np.einsum("ng,ng...->n...", self.nodes[1], values.reshape(len(self), 3, *values.shape[1:]))
+        """(k N, ...) values at the nodes as (N, ...) means over the bins."""
+        return np.einsum("ng,ng...->n...", self.nodes[1], values.reshape(*self.nodes[1].shape, *values.shape[1:]))
 
     def variance(self, values: Floats, waves: Floats) -> Floats:
-        """(N,) variance inside the bins of (3 N,) values at the nodes; in parts of blocks' cells of `waves` among them,
+        """(N,) variance inside the bins of (k N,) values at the nodes; in parts of blocks' cells of `waves` among them,
         since what else a prediction has there is no part of `inside`."""
-        values = np.where(np.repeat(self.is_block[self.run], 3), waves, values)
-        apart = (values - np.repeat(self.averaged(values), 3)).reshape(-1, 3)
+        values = np.where(np.repeat(self.is_block[self.run], self.nodes[1].shape[1]), waves, values)
+        apart = values.reshape(self.nodes[1].shape) - self.averaged(values)[:, None]
         return np.where(self.is_cells[self.run], 0.0, np.sum(self.nodes[1] * apart**2, axis=1))
 
     def rises(self, values: Floats) -> Floats:

@@ -214,7 +214,7 @@ class Model:
         return out
 
     def at_nodes(self, bins: JointBins, gravity: Loads | None = None) -> Floats:
-        """(3 N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
+        """(k N, p) the same at the nodes of bins; in the paper's model nothing accelerates at constant speed."""
         base = self._base_at_nodes(bins)
         return np.hstack([base, self.beyond(replace(bins.nodes[0], loads=gravity))]) if self.effects else base
 
@@ -235,27 +235,27 @@ class Model:
         return means
 
     def _base_at_nodes(self, bins: JointBins) -> Floats:
-        """(3 N, b) columns of the paper's model at the nodes of bins."""
-        nodes, moves = bins.nodes[0], np.repeat((bins.accelerates & ~bins.is_block)[bins.run], 3)
-        turns = self.robot.joint(bins.joint).is_revolute
+        """(k N, b) columns of the paper's model at the nodes of bins."""
+        nodes, k, turns = bins.nodes[0], bins.nodes[1].shape[1], self.robot.joint(bins.joint).is_revolute
+        moves = np.repeat((bins.accelerates & ~bins.is_block)[bins.run], k)
         rows, out = np.zeros(0, np.int64), np.zeros((len(nodes), len(self._base)))
         if bins.rigid_body is not None and self.is_dynamic:
-            rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), 3))
+            rows = np.flatnonzero(np.repeat(np.isfinite(bins.rigid_body[:, 0]), k))
         if len(rows) < len(nodes):
-            out = swept(nodes, 3 * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
+            out = swept(nodes, k * bins.lengths, lambda knots: self.base(knots, (Scope.LINK,)), turns=turns)
         self.base(replace(nodes, acceleration=np.where(moves, nodes.acceleration, 0.0)), (Scope.JOINT,), out)
         if bins.rigid_body is not None and len(rows):
             # In blocks of any motion what the rigid body asks was averaged with the current.
-            out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // 3]
+            out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // k]
         for payload in {run.payload for run in bins.runs if self.scaled and run.payload}:
-            rows = np.repeat([run.payload == payload for run in bins.runs], 3 * bins.lengths)
+            rows = np.repeat([run.payload == payload for run in bins.runs], k * bins.lengths)
             parameters, constants = self._asked_by(payload)
             place = max(bins.joint, self.scaled) - self.robot.n_joints - 1
             out[rows, place] = out[rows] @ parameters + constants[bins.joint - 1]
         return out
 
     def known_load(self, bins: JointBins, weights: Floats, *, at_nodes: bool = False) -> Floats:
-        """(N,) A that known loads ask in some bins, or (3 N,) at their nodes; `weights` are of every parameter."""
+        """(N,) A that known loads ask in some bins, or (k N,) at their nodes; `weights` are of every parameter."""
         is_known = np.array([column.effect == KNOWN_LOAD for column in self._base])
         base = self._base_at_nodes(bins) if at_nodes else self._base_means(bins)
         return np.asarray(base[:, is_known] @ weights[: len(is_known)][is_known])
@@ -374,7 +374,7 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
 
     In other runs all joints but the moving one stand, so that a few instants say what they are at all.
     """
-    samples, times = (bins.nodes[0], 3) if at_nodes else (bins.samples, 1)
+    samples, times = (bins.nodes[0], bins.nodes[1].shape[1]) if at_nodes else (bins.samples, 1)
     n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
 
     def table(knots: Samples) -> Floats:

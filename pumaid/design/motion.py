@@ -117,8 +117,7 @@ class MotionInformation:
         The fit is weighted as if noise were white but for a level of each block; in truth levels last for `PART` s and
         begin anywhere, so that a part of them stays (the sandwich of least squares).
         """
-        length = min(max(made.seconds / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)
-        blocks = max(round(made.cycle / length), 1)
+        blocks = max(round(made.cycle / min(max(made.seconds / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)), 1)
         count = blocks * round(made.cycle / blocks / STEP)
         time = np.linspace(0.0, made.cycle, count, endpoint=False) + 0.5 * made.cycle / count
         position, velocity, acceleration = made.at(time)

@@ -192,7 +192,10 @@ class JointPrediction:
         fine, count, nodes = model.at_nodes(bins, gravity), bins.count, replace(bins.nodes[0], loads=gravity)
         curves = [term for term in model.effects if term.effect.is_free and term.touches(bins.joint)]
         self.beyond: dict[str, Flags] = {
-            spoken_form(term.shape): outside(model.robot, nodes, term.shape).reshape(-1, 3)[:, 1] for term in curves
+            spoken_form(term.shape): outside(model.robot, nodes, term.shape).reshape(len(bins), -1)[
+                :, bins.nodes[1].shape[1] // 2
+            ]
+            for term in curves
         }
         self.design = bins.averaged(fine)
         names = np.array([column.effect for column in model.columns])

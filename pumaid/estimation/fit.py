@@ -270,7 +270,7 @@ def clusters(rows: Sequence[Row]) -> tuple[Counts, Counts]:
 
 
 def with_loads(fitted: Fit, bins: JointBins, *, at_nodes: bool = False) -> Samples:
-    """The samples of (N,) bins, or of their (3 N,) nodes, with loads by the fit."""
+    """The samples of (N,) bins, or of their (k N,) nodes, with loads by the fit."""
     samples, scales = bins.nodes[0] if at_nodes else bins.samples, fitted.scales()
     return replace(
         samples, loads=loads_at(fitted.model, bins, solution=fitted.values, scales=scales, at_nodes=at_nodes)

@@ -95,7 +95,7 @@ def _parameter(context: ReportContext, column: Column, fact: Any) -> dict[str, A
 
 
 def _pieces(context: ReportContext, part: JointPrediction, model: Model) -> list[tuple[int, str, Floats]]:
-    """Columns: parameter's number in `model`, effect, (3 N,) A at the nodes; -1 is all that stays as fitted."""
+    """Columns: parameter's number in `model`, effect, (k N,) A at the nodes; -1 is all that stays as fitted."""
     estimate, bins, columns = context.estimate, part.bins, model.columns
     factors, weight = np.nan_to_num(model.factors(estimate.scales, bins.joint)), np.flatnonzero(model.is_weight)
     loads = loads_at(part.model, bins, solution=estimate.solution, scales=estimate.scales, at_nodes=True)
@@ -115,7 +115,7 @@ def _pieces(context: ReportContext, part: JointPrediction, model: Model) -> list
 
 
 def _inside(part: JointPrediction, fine: Floats, *, drawn: Floats, runs: Flags) -> Floats:
-    """(K + 1, K + 1) sums of products of what (3 N, K) columns leave inside bins, `drawn` (3 N,) being as fitted.
+    """(K + 1, K + 1) sums of products of what (k N, K) columns leave inside bins, `drawn` (k N,) being as fitted.
 
     As `JointBins.inside_left`; bins of which the fitted model leaves nothing stay so.
     """
@@ -123,7 +123,7 @@ def _inside(part: JointPrediction, fine: Floats, *, drawn: Floats, runs: Flags) 
     varying = np.where(bins.is_block[bins.run] | (part.inside <= 0.0), 0.0, count)
     rises = [bins.rises(column) for column in bins.averaged(fine).T]
     slopes = np.column_stack([*rises, 0.5 * bins.rises(bins.current) - bins.rises(part.predicted)])
-    nodes = np.column_stack([fine, -drawn]).reshape(len(bins), 3, -1)
+    nodes = np.column_stack([fine, -drawn]).reshape(*bins.nodes[1].shape, -1)
     spread = nodes - np.einsum("ng,ngk->nk", bins.nodes[1], nodes)[:, None]
     spread *= np.sqrt(varying[:, None] * bins.nodes[1])[..., None]
     out = (slopes.T * (varying * (1.0 - 1.0 / bins.count**2) / 6.0)) @ slopes - np.einsum("ngk,ngl->kl", spread, spread)
