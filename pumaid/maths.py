@@ -272,8 +272,9 @@ class Recursion:
                 self.redundant.append((row, root))
 
 
-#: Relative fall of the sum of squares below which another step is not worth taking.
-CONVERGED = 1e-12
+#: Relative fall of the sum of squares below which another step is not worth taking: with ten thousand equations, moves
+#: of some thousandths of a standard error.
+CONVERGED = 1e-9
 #: Steps at most. Share of the fall that the linearised system promises below which a step is damped harder, and by how
 #: much; damping, over the square of the largest singular value, beyond which none helps.
 MOST_STEPS, TRUSTED, HARDER, HARDEST = 60, 0.25, 3.0, 1e6
