@@ -33,10 +33,7 @@ def _result(found):
 KNOWN = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign", "power")}
 KNOWN |= {"max": np.maximum, "min": np.minimum, "floor": np.floor, "numel": np.size, "struct": SimpleNamespace}
 KNOWN |= {"copied": deepcopy, "isempty": lambda values: np.size(values) == 0}
-KNOWN |= {
-    "cross": lambda one, other: _result(np.cross(one, other)),
-    "dot": lambda one, other: float(np.sum(one * other)),
-}
+KNOWN |= {"cross": lambda a, b: _result(np.cross(a, b)), "dot": lambda a, b: float(np.sum(a * b))}
 KNOWN |= {"zeros": lambda rows, width: _result(np.zeros(rows if width == 1 else (rows, width))), "literal": _result}
 
 

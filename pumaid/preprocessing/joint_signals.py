@@ -68,6 +68,10 @@ class JointSignals:
         self.limits = f"{number(self.low)} to {number(self.high)}"
         self.has_moved = bool(self.path > MOVED)
         self.speed = math.sqrt(self.speed_squares / max(self.seconds, 1e-12))
+        #: Steps of positions, or such as would have their noise.
+        self.step = max(
+            math.sqrt(12.0) * self.noise / max(self.rows, 1), 0.0 if self.least_step == math.inf else self.least_step
+        )
         products = sums.totals["products"]
         self.integral, displaced = products[n + k, n + k], np.abs(products[k, n:])
         scale = np.sqrt(products[k, k] * np.diag(products)[n:])
@@ -349,8 +353,9 @@ def current_encoding(signals: Sequence[JointSignals]) -> str:
     log, scale = sums.robot.log, factor_of(sums.robot, "position", sums.robot.joints[0])
     if step == 1.0 and log.units.get("current", "A") == "A":  # as servos tell their load in bit 10, and else counts
         log = replace(log, units={**log.units, "current": "permille" if encoding == "sign-bit-10" else "raw"})
-    by_preset = _preset(signals_of(sums), scale, log.conversion("position", 1).zero)
-    return by_preset or paste("if so", log, "current", encoding=encoding, step=step)
+    return _preset(signals_of(sums), scale, log.conversion("position", 1).zero) or paste(
+        "if so", log, "current", encoding=encoding, step=step
+    )
 
 
 def paste(condition: str, log: LogFormat, quantity: str, **more: Any) -> str:

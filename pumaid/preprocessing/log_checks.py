@@ -44,7 +44,7 @@ BEYOND = 1.5
 #: rad; two turns each way: one joint beyond may turn endlessly, two of an arm do not. And less than any experiment.
 FAR, FEW_DEGREES = 4.0 * math.pi, 0.12
 #: Share of windows with repeated positions, and mean step over the least one; an encoder's slow steps are one count.
-#: Steps in a cell, at a joint's RMS speed, below which accelerations are mostly noise.
+#: Steps in a cell, at a joint's RMS speed, below which noise of accelerations makes inertia too small.
 STILL_TIME, UNEQUAL, FEWEST_STEPS = 0.5, 2.0, 10
 #: Displacement over integrated velocity below which velocities are of motors before gears, and no clock is so wrong.
 GEARED = 0.05
@@ -302,9 +302,10 @@ OTHER_CHECKS = (
                 and j.step_sum > UNEQUAL * j.least_step * j.step_count),
           "position of joint {joint} often repeats while it moves, and then jumps: it is measured less often than it "
           "is logged, or its log repeats samples", "inertia and the ends of runs suffer"),
-    Check("position-coarse", _first(lambda j: j.speed * LONGEST_CELL < FEWEST_STEPS * j.least_step < math.inf),
-          "positions of joint {joint}{alike} come in steps of {j.least_step:.3g} {j.joint.position_unit}, at its usual "
-          f"speed fewer than {FEWEST_STEPS} in {LONGEST_CELL:g} s",
+    Check("position-coarse", _first(lambda j: j.speed * LONGEST_CELL < FEWEST_STEPS * j.step
+                                     and (not j.step_count or j.step_sum <= UNEQUAL * j.least_step * j.step_count)),
+          "positions of joint {joint}{alike} have steps or noise of {j.step:.3g} {j.joint.position_unit}, "
+          f"over 1/{FEWEST_STEPS} of its way in {LONGEST_CELL:g} s at its usual speed",
           "where several joints move inertia comes out too small; write more digits, or take a finer encoder"),
     Check("current-unmeasured", _each(lambda j: j.copy_of),
           "joints {j.copy_of} and {joint} have the same current in every sample",

@@ -38,7 +38,7 @@ TOTALS = (
     *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
     *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
     *("ahead", "least_negative", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
-    *("strays", "stray"),
+    *("strays", "stray", "noise", "rows"),
 )
 
 
@@ -51,6 +51,7 @@ class LogStatistics:
         By name: ``lowest``, ``highest`` (J,) positions, rad or m; ``path``, ``seconds``, ``speed_squares`` (J,) way,
         time and integral of the squared speed while moving; ``windows`` while moving and those ``held``, whose position
         often repeats, and there ``step_sum``, ``step_count``, ``least_step`` of its steps other than 0 (rad or m);
+        over ``rows`` while moving the sum of the standard deviation of its ``noise`` (rad or m);
         ``least_current``, ``most_current`` (J,) A while moving, and samples with a current, ``moving``; ``pairs`` of
         neighbours while moving, those with the ``same`` current, windows in which all are, ``flat``, and ``zeros``
         while moving, in windows with other currents; windows moved ``ahead``; the ``least_negative`` size below zero
@@ -153,8 +154,19 @@ class LogStatistics:
         step[starts] = np.nan  # from another window
         often = moves & (_counts(step == 0.0, starts) >= OFTEN * counts)
         steps = step[(step > 0.0) & np.repeat(often, counts)]
-        least = steps.min(initial=math.inf)
-        self._add(j, held=often.sum(), step_count=len(steps), step_sum=steps.sum(), least_step=least)
+        least, rows = steps.min(initial=math.inf), int(counts @ moves)
+        # Motion leaves next to nothing in third differences, of independent noise 20 times its variance; the median of
+        # normal sizes is 0.6745 of their standard deviation.
+        thirds = np.abs(np.diff(position, n=3, prepend=position[:1].repeat(3)))[np.repeat(moves, counts)]
+        self._add(
+            j,
+            held=often.sum(),
+            step_count=len(steps),
+            step_sum=steps.sum(),
+            least_step=least,
+            rows=rows,
+            noise=rows * float(np.median(thirds)) / (0.6745 * math.sqrt(20.0)),
+        )
 
     def _add_currents(self, j: int, current: Floats, moves: Flags, starts: Counts) -> None:
         """Add extremes, repeats and zeros of a joint's (N,) currents where they are measured while it `moves`, (W,)."""

@@ -166,8 +166,7 @@ def _inside(a: _OrderedBins, b: _OrderedBins) -> float:
     width, smooth = np.gradient(b.q), b.smooth
     bend = _ratio(np.gradient(b.basis[:, 3]), width)
     harmonic = b.basis[:, 0] * smooth[1] - b.basis[:, 1] * smooth[0] + bend * smooth[3]
-    first, second = a.rises[a.before(0.5 * (b.q[1:] + b.q[:-1]))], b.rises
-    along = 0.5 * (harmonic[1:] + harmonic[:-1])
+    first, second, along = a.rises[a.before(0.5 * (b.q[1:] + b.q[:-1]))], b.rises, 0.5 * (harmonic[1:] + harmonic[:-1])
     inner = np.diff(b.q) ** 2 * (along * (first + second) + first * second)
     spread = float(np.mean((harmonic * width) ** 2) + np.mean(inner)) / 12.0
     return max(variance - spread * (1.0 - 1.0 / float(b.count.mean()) ** 2), 0.0)

@@ -180,7 +180,9 @@ CASES = {
     "every other sample": (with_current(held_every(0.01), joint=None), {}, "", ""),
     "freezes": (with_current(frozen), {}, "current-frozen", "% of the time"),
     "whole degrees": (lambda log: replace(log, position=np.round(DEG * log.position) / DEG, velocity=None), {},
-                      "position-coarse", "steps of 0.0175"),
+                      "position-coarse", "of 0.0175"),
+    "potentiometers": (lambda log: replace(log, position=log.position + 0.01 * np.random.default_rng(1).normal(
+        size=log.position.shape), velocity=None), {}, "position-coarse", "noise of 0.03"),
     "position repeated": (repeated(2, 1e-6), {}, "position-held", ""),
     "position repeated in steps": (repeated(3, 2e-4), {}, "position-held", ""),
     "few absurd currents": (with_current(lambda i, log: np.where(np.arange(len(i)) % 997 == 500, 1e5, i)),
