@@ -226,7 +226,8 @@ def free_blocks(collision: Collision, holds: Floats, ways: Sequence[Sweep]) -> l
         # From one sweep to another the joint passes what lies between: only ways within the widest free one are used.
         for low, high in widest_first:
             if collision.first_hit(np.where(moving, low, hold), np.where(moving, high, hold)) is None:
-                out += [Block(tuple(hold.tolist()), (way,)) for way in ways if low <= way.low and way.high <= high]
+                place = tuple(hold.tolist())
+                out += [Block(place, (way,)) for way in ways if low <= way.low and way.high <= high]
                 break
     return out
 

@@ -200,7 +200,8 @@ class Planner:
         ways = sweeps(robot, joint, speeds(robot, joint, SHARES))
         if free := [part for hold in holds if (part := free_blocks(self.collision, hold[None], ways))]:
             # First those with a free way home, between which most ways are free.
-            free.sort(key=lambda part: self.collision.first_hit(np.array(part[0].hold), home(robot)) is not None)
+            middle = home(robot)
+            free.sort(key=lambda part: self.collision.first_hit(np.array(part[0].hold), middle) is not None)
             return free[:_DRAWN]
         moving, name = np.arange(robot.n_joints) == joint - 1, robot.joint(joint).name
         start, end = (np.where(moving, place, holds[0]) for place in (ways[0].low, ways[0].high))

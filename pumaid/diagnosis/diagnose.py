@@ -202,7 +202,8 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[tu
         sides.append(Binned(way, places, mean, *_means(after, label, samples.run)))
         for shown, misfit in trials:
             lines.append(Line(shown.effect.name, way, places, _means(before - misfit, label, samples.run)[0]))
-    lines.sort(key=lambda line: [drawn.effect.name for drawn, _ in trials].index(line.effect))
+    names = [drawn.effect.name for drawn, _ in trials]
+    lines.sort(key=lambda line: names.index(line.effect))
     return Curve(samples.joint, axis.variable, axis.unit, tuple(sides), tuple(lines), axis.period)
 
 

@@ -117,8 +117,7 @@ def _levelled(noise: NoiseModel, bins: JointBins) -> tuple[Floats, Floats]:
     """(N,) a level that a run shares, with the noise of its bins taken out, and what of it whitening takes away."""
     ones = noise.decorrelated(bins, np.ones(len(bins)))
     length2 = bins.sums(ones * ones)
-    shrink = (1.0 - 1.0 / np.sqrt(1.0 + noise.level**2 * length2)) / length2
-    return ones, ones * shrink[bins.run]
+    return ones, ones * ((1.0 - 1.0 / np.sqrt(1.0 + noise.level**2 * length2)) / length2)[bins.run]
 
 
 def reduced(bins: JointBins, design: Floats, others: Floats) -> tuple[Floats, Counts, Floats]:

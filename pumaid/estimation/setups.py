@@ -123,7 +123,8 @@ class Setups:
     def _columns(self, cells: _Chosen, setup: Setup) -> Floats:
         """(N, p) what parameters of links ask of a joint under a setup."""
         place, order = setup.order.index(cells.joint - 1), list(setup.order)
-        q, v, a = ((np.array(setup.factors)[:, None] * part)[order] for part in cells.motion)
+        factors = np.array(setup.factors)[:, None]
+        q, v, a = ((factors * part)[order] for part in cells.motion)
         body = replace(self.body, robot=replace(self.robot, gravity=setup.gravity))
         columns = body.row(place + 1, (q, v, a)).T
         if setup.by_file:

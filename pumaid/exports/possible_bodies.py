@@ -109,8 +109,7 @@ class _ScaledLinks:
             pull = np.trace(self.parts - turned, axis1=2, axis2=3).ravel()
             inverse = block_diag(*np.linalg.inv(np.einsum("jkab,jlba->jkl", turned, turned)))
             off, across = rows @ values - wanted, rows @ inverse
-            force = np.linalg.solve(across @ rows.T + slack * np.eye(len(rows)), off - across @ pull)
-            pull = pull + rows.T @ force
+            pull = pull + rows.T @ np.linalg.solve(across @ rows.T + slack * np.eye(len(rows)), off - across @ pull)
             step = -inverse @ pull
             gain, share = float(step @ -pull + np.square(rows @ step).sum() / slack), 1.0
             cost = self._cost(values) + off @ off / (2.0 * slack)

@@ -182,8 +182,7 @@ def cell_length(time: Floats, position: Floats, noise: Floats) -> float:
     width = max(round(SHORTEST_CELL / step), 1)
     smooth = _filtered(position.T - position[:1].T, width)
     rates = np.sqrt(np.mean(np.diff(smooth, 2, axis=1) ** 2, axis=1)) / (width * step) ** 2
-    wanted = ACCELERATION_NOISE * np.maximum(rates, 1e-12)
-    lengths = (noise * math.sqrt(6.0 * step) / wanted) ** 0.4
+    lengths = (noise * math.sqrt(6.0 * step) / (ACCELERATION_NOISE * np.maximum(rates, 1e-12))) ** 0.4
     moving = rates > 1e-3 * rates.max(initial=0.0)
     return float(np.clip(lengths[moving].max(initial=0.0), max(SHORTEST_CELL, step), LONGEST_CELL))
 
@@ -224,8 +223,7 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     turning = body.robot.shaft_velocity(rate.T).T
     sticks = (np.abs(turning) < STICKING) | (np.gradient(np.sign(turning), axis=1) != 0.0)  # or it turns round between
     sampled = np.where(sticks, np.nan, current.T[:, 1:-1])
-    motion = np.concatenate([even[None, 1:-1] - even[0], inner, rate, acceleration])
-    middle = _filtered(motion, width).T
+    middle = _filtered(np.concatenate([even[None, 1:-1] - even[0], inner, rate, acceleration]), width).T
     position, velocity, curve = np.split(middle[:, 1:], 3, axis=1)
     parts: list[list[Floats]] = []
     size = max(CHUNK // width, 1) * width
