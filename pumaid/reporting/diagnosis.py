@@ -308,8 +308,8 @@ def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
 # Tables
 
 
-def finding_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
-    """All findings, a row each; None where a sentence tells the few that there are."""
+def finding_table(diagnosis: Diagnosis, robot: Robot) -> Table:
+    """All findings, a row each."""
     rows: list[Row] = []
     for count, item in enumerate(diagnosis.findings, start=1):
         names = listed([label(name) for name in (item.effect, *item.rivals)], "or")
@@ -322,16 +322,13 @@ def finding_table(diagnosis: Diagnosis, robot: Robot) -> Table | None:
         rows.append([str(count), where, names, Cell(words, tone=tone), rmse or "-"])
     forecast = all(item.forecast is not None for item in diagnosis.findings)
     runs = "runs that were not fitted" if forecast else "runs left out of the fit"
-    return (
-        Table(
-            "What is missing",
-            ("", "joint", "effect", "verdict", "RMSE (A)"),
-            rows,
-            caption=f"RMSE: of {runs}, without → with the effect, those of the rows above being in the model.",
-            words=(1, 2, 3),
-        )
-        if len(rows) >= MANY
-        else None
+    caption = f"RMSE: of {runs}, without → with the effect, those of the rows above being in the model."
+    return Table(
+        "What is missing",
+        ("", "joint", "effect", "verdict", "RMSE (A)"),
+        rows,
+        caption=caption,
+        words=(1, 2, 3),
     )
 
 
@@ -411,10 +408,9 @@ def diagnosis_blocks(
 
     Angles are in `units` (``rad`` or ``deg``).
     """
-    summary = finding_table(diagnosis, robot)
     blocks: list[tuple[Finding | JointDiagnosis | None, list[Paragraph | Table]]] = [
         (None, [Paragraph(headline(diagnosis, robot), style="bold")]),
-        (None, [] if summary is None else [summary]),
+        (None, [finding_table(diagnosis, robot)] if len(diagnosis.findings) >= MANY else []),  # few are read at once
     ]
     for count, finding in enumerate((*diagnosis.findings, *diagnosis.applied), start=1):
         rank = f"{count}. " if count <= len(diagnosis.findings) else ""

@@ -183,8 +183,9 @@ def test_each_ripple_that_is_missing_is_tried_by_itself(ripple):
 
 
 def test_summary_comes_before_tables(context, html):
-    """A sentence on each joint before any table; notes and rejects with their place."""
-    first = html[: html.index("<table")]
+    """A sentence on each joint comes before all tables but that of what is missing, which tells how far errors fall."""
+    first = html[: html.index("<table", html.index("<caption>What is missing</caption>"))]
+    assert first.count("<table") == 1 and " → " in first
     assert "Joint 1 (joint 1): the model explains" in first and "noise floor" in first
     assert "0.2 s are missing" in html and "logs/a.csv, row 7" in html and "joint 1 speeds up for 1.0 s" in html
 

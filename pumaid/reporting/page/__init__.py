@@ -81,7 +81,9 @@ def summary(context: ReportContext) -> Content:
             *text.summary_sentences(context.dataset, context.estimate),
         ],
         "joints": [text.joint_sentence(score, context.robot) for score in scores],
-        "findings": finding_table(context.diagnosis, context.robot) if context.diagnosis else None,
+        "findings": finding_table(context.diagnosis, context.robot)
+        if context.diagnosis and context.diagnosis.findings
+        else None,
         "shares": model.share_figure(context) if any(score.shares for score in scores) else None,
         "steps": model.history_figure(context.ladder) if context.ladder and len(path) > 1 else None,
     }
