@@ -183,9 +183,8 @@ class Gains:
         """eta_row / eta_other for any two rows of one cluster, NaN where they are in different ones."""
         above, scales = self.path(row), self.scales()
         shared = next((step for step in self.path(other) if step in above), None)
-        if shared is None or not scales[shared, row]:
-            return np.nan
-        return float(scales[shared, other] / scales[shared, row])
+        is_known = shared is not None and scales[shared, row] != 0.0
+        return float(scales[shared, other] / scales[shared, row]) if is_known else np.nan
 
     def scales(self) -> Floats:
         """(n, n) eta_row / eta_other for rows of a subtree, 1 for itself, 0 left of the diagonal, NaN where unknown."""

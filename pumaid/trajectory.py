@@ -222,12 +222,12 @@ class TrajectoryPart:
         return self.trajectory.at(self.first + time)
 
 
-def trajectory_parts(trajectory: Trajectory, rate: float) -> Iterator[TrajectoryPart]:
+def trajectory_parts(trajectory: Trajectory, rate: float) -> list[TrajectoryPart]:
     """A trajectory, and the rests around it, in parts of about `PART` s, whole samples at `rate` (Hz)."""
     samples = math.ceil((trajectory.seconds + 2.0 * REST) * rate)
     edges = np.round(np.linspace(0, samples, max(round(samples / rate / PART), 1) + 1)) / rate - REST
-    for number, (first, last) in enumerate(itertools.pairwise(edges.tolist()), start=1):
-        yield TrajectoryPart(trajectory, number, first, seconds=last - first)
+    ends = enumerate(itertools.pairwise(edges.tolist()), start=1)
+    return [TrajectoryPart(trajectory, number, first, seconds=last - first) for number, (first, last) in ends]
 
 
 def in_words(robot: Robot, position: Sequence[float] | Floats, *, moving: int | None = None) -> str:

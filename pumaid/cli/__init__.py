@@ -28,12 +28,6 @@ from pumaid.errors import (
     visible,
 )
 
-click.rich_click.TEXT_PARAGRAPH_LINEBREAKS = "\n\n"
-click.rich_click.STYLE_HELPTEXT = ""
-click.rich_click.PADDING_HELPTEXT_FIRST_LINE = (0, 0, 1, 0)
-click.rich_click.MAX_WIDTH = 100
-click.rich_click.OPTIONS_TABLE_COLUMN_TYPES = ["required", "opt_long", "opt_short", "metavar_short", "help"]
-
 # Matrices here are small: threads of the linear algebra library would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Arrow's own allocator fetches hundreds of megabytes of fresh pages for a short pass; the C library's are used again.
@@ -49,8 +43,7 @@ class Commands(click.RichGroup):
     """A group that lists its commands in the order of work, and reports what fails."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        order = ORDER_OF_WORK.split()
-        return sorted(self.commands, key=lambda name: order.index(name) if name in order else len(order))
+        return sorted(self.commands, key=[*ORDER_OF_WORK.split(), *self.commands].index)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
@@ -64,7 +57,20 @@ class Commands(click.RichGroup):
                 raise Exit(EXIT_ATTENTION)
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+#: How help looks.
+HELP = {
+    "text_paragraph_linebreaks": "\n\n",
+    "style_helptext": "",
+    "padding_helptext_first_line": (0, 0, 1, 0),
+    "max_width": 100,
+    "options_table_column_types": ["required", "opt_long", "opt_short", "metavar_short", "help"],
+}
+
+
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True, "rich_help_config": HELP},
+)
 @click.version_option(__version__, prog_name="pumaid", message="%(prog)s %(version)s")
 def group() -> None:
     """Learn from logged motions what a robot arm's motor currents are spent on.

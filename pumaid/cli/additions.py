@@ -79,9 +79,8 @@ def with_commands(
 
     words = ["pumaid", "identify", *typed_words(experiment, effects)]
     in_recipe = {(choice.effect, joint) for choice in robot.effects for joint in (choice.joint, None)}
-    for choice in reopened(estimate):
-        if not {(choice.effect, choice.joint), (choice.effect, None)} & in_recipe:
-            words += ["--add", option_text(choice.effect, choice.joint, choice.shape, fixed=choice.shape)]
+    beyond = [x for x in reopened(estimate) if not {(x.effect, x.joint), (x.effect, None)} & in_recipe]
+    words += [word for x in beyond for word in ("--add", option_text(x.effect, x.joint, x.shape, fixed=x.shape))]
     head = shlex.join(words)
 
     def pasted(items: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -96,10 +95,10 @@ def with_commands(
 
 def typed_words(experiment: Experiment, effects: Sequence[Path] = ()) -> list[str]:
     """The logs, and the options of the experiment and of own `effects`, as the user typed them."""
-    words = [*experiment.logs, *([] if experiment.recipe is None else ["--recipe", str(experiment.recipe)])]
-    for option, values in (("--heldout", experiment.heldout), ("--effects", effects)):
-        words += [word for value in values for word in (option, str(value))]
-    return words
+    recipes = [] if experiment.recipe is None else [experiment.recipe]
+    named = {"--recipe": recipes, "--heldout": experiment.heldout, "--effects": effects}
+    options = [word for option, values in named.items() for value in values for word in (option, str(value))]
+    return [*experiment.logs, *options]
 
 
 def added(
@@ -115,7 +114,7 @@ def added(
     """Add what was found, one effect at a time, and diagnose anew, until nothing is left that can be added.
 
     Curves come last. An effect with which the refit misses the fitted runs, or those held out, by more than before is
-    left out.
+    left out. Returned are the last diagnosis, in whose `applied` stands what was added, and the last estimate.
 
     Parameters
     ----------
@@ -125,20 +124,19 @@ def added(
         The arm, and the current model's file; every step is written there and kept beside it.
     again, tell
         Diagnoses a model; called with a sentence after each step.
-
-    Returns
-    -------
-    diagnosis, estimate
-        The last ones; what was added stands in the diagnosis' `applied`.
     """
     keep(model, estimate)
     done, refused = list[Finding](), list[Finding]()
 
     def addable() -> list[Finding]:
-        new = [
+        there = {(choice.effect, choice.joint) for choice in estimate.effects}
+        new = [  # a suspected column is no effect of the catalogue
             item
             for item in diagnosis.findings
-            if _is_addable(item, estimate) and not any(_is_same(item, other) for other in refused)
+            if item.verdict == ADD
+            and item.effect in catalogue()
+            and (catalogue()[item.effect].is_repeatable or not {(x.effect, x.joint) for x in item.each()} & there)
+            and not any(_is_same(item, other) for other in refused)
         ]
         # With what has a name in the model, a curve may have one, too.
         return ([item for item in new if not catalogue()[item.effect].is_free] or new)[: MOST_ADDED - len(done)]
@@ -178,17 +176,6 @@ def _is_same(finding: Finding, other: Finding) -> bool:
     is_one = (finding.effect, finding.joint) == (other.effect, other.joint)
     shapes = catalogue()[other.effect].chosen(other.shape)
     return is_one and all(math.isclose(finding.shape[name], size, rel_tol=0.01) for name, size in shapes.items())
-
-
-def _is_addable(finding: Finding, estimate: Estimate) -> bool:
-    """Whether it should be added and the model can hold it; a suspected column is no effect of the catalogue."""
-    effect = catalogue().get(finding.effect)
-    there = {(choice.effect, choice.joint) for choice in estimate.effects}
-    return (
-        effect is not None
-        and finding.verdict == ADD
-        and (effect.is_repeatable or not any((part.effect, part.joint) in there for part in finding.each()))
-    )
 
 
 def with_earlier(diagnosis: Diagnosis, estimate: Estimate, results: Path) -> Diagnosis:

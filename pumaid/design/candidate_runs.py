@@ -194,9 +194,8 @@ def _sweeps(robot: Robot, joint: int, speed: float, ends: tuple[float, float]) -
             continue
         before = way
         up, down = (room if way > _WHOLE * room else way for room in (high - middle, middle - low))
-        for end in (middle + up, middle - down):
-            if 0.99 * PARTS[0] <= cruising(end) <= 1.01 * longest:
-                yield Sweep(joint, (middle, end, middle), speed)
+        stops = [end for end in (middle + up, middle - down) if 0.99 * PARTS[0] <= cruising(end) <= 1.01 * longest]
+        yield from (Sweep(joint, (middle, end, middle), speed) for end in stops)
     if low < high and (high - low) / speed <= longest:
         yield Sweep(joint, _passed(middle, high, low, middle), speed)
         yield Sweep(joint, _passed(middle, low, high, middle), speed)

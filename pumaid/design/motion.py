@@ -16,7 +16,7 @@ from pumaid.design.information import RATE, Criterion, Prior, median_errors, pri
 from pumaid.design.plan import check_minutes, plan, with_forecast
 from pumaid.errors import ModelError, Note, Where
 from pumaid.estimate import Estimate
-from pumaid.maths import Bilinear, Counts, Floats, Gains, pseudo_inverse
+from pumaid.maths import Bilinear, Floats, Gains, pseudo_inverse
 from pumaid.model import INERTIA, Model, body_columns, in_motion
 from pumaid.preprocessing.binning import BLOCKS, LONGEST_BLOCK, SHORTEST_BLOCK
 from pumaid.preprocessing.parallel_filter import SHORTEST_CELL, STICKING
@@ -130,8 +130,13 @@ class MotionInformation:
         slow = toeplitz(share * np.maximum(1.0 - time / PART, 0.0))
         inner, outer = (np.zeros((len(self.robots), len(self.names), len(self.names))) for _ in range(2))
         for j in range(self.robot.n_joints):
-            columns, design = self._design(rows[j].T, friction[:, j], j)
-            design = np.where(slides[:, j, None], design, 0.0)
+            v, names = (
+                friction[:, j],
+                [f"{kind}.j{j + 1}.{side}" for side in ("plus", "minus") for kind in ("coulomb", "viscous")],
+            )
+            rubs = np.column_stack([v > 0.0, np.maximum(v, 0.0), v < 0.0, np.minimum(v, 0.0)])
+            columns = [*self._model.inertial[-len(rows[j]) :], *map(self._model.names.index, names)]
+            design = np.where(slides[:, j, None], np.column_stack([rows[j].T, rubs]), 0.0)
             parts, ones = (part.reshape(blocks, count // blocks, -1) for part in (design, slides[:, j]))
             count_of = ones.sum(axis=1, keepdims=True)
             weighted = parts - ones * (share / (white + count_of * share)) * parts.sum(axis=1, keepdims=True)
@@ -141,17 +146,6 @@ class MotionInformation:
             for total, gram in zip((inner, outer), both, strict=True):
                 total += np.swapaxes(turn, 1, 2) @ gram @ turn
         return made.repeats * np.array([a @ pseudo_inverse(b)[0] @ a for a, b in zip(inner, outer, strict=True)])
-
-    def _design(self, asked: Floats, velocity: Floats, j: int) -> tuple[Counts, Floats]:
-        """The columns in which joint j (from 0) has regressors, and these, (M, c)."""
-        friction = [
-            (f"{name}.j{j + 1}.{side}", moves * power)
-            for side, moves in (("plus", velocity > 0.0), ("minus", velocity < 0.0))
-            for name, power in (("coulomb", 1.0), ("viscous", velocity))
-        ]
-        places = [self._model.names.index(name) for name, _ in friction]
-        columns = np.concatenate([self._model.inertial[-asked.shape[1] :], places])
-        return columns, np.column_stack([asked, *(values for _, values in friction)])
 
     def errors(self, information: Floats) -> dict[str, float]:
         """Name -> predicted standard error: the median over prior robots; parameters that any of them hides are out."""
@@ -431,14 +425,15 @@ class _Forecast:
                 "plan-lacks",
                 f"the trajectory lasts for {number(made.seconds, 3)} s; intervals need {LEAST:g} s or more",
             )
-        for joint, fastest in zip(self.robot.joints, _peak(dense[1]).tolist(), strict=True):
-            if fastest < STICKING:
-                yield Note(
-                    "plan-lacks",
-                    f"joint {joint.number} ({joint.name}): it never moves faster than {STICKING:g}"
-                    f" {joint.position_unit}/s",
-                    Where(joint=joint.number),
-                )
+        yield from (
+            Note(
+                "plan-lacks",
+                f"joint {joint.number} ({joint.name}): it never moves faster than {STICKING:g} {joint.position_unit}/s",
+                Where(joint=joint.number),
+            )
+            for joint, fastest in zip(self.robot.joints, _peak(dense[1]).tolist(), strict=True)
+            if fastest < STICKING
+        )
         if dark := [name for name in self.information.names if name not in promised]:
             yield Note(
                 "plan-dark",

@@ -169,7 +169,11 @@ class Planner:
         budget = self.seconds or max(
             _USUAL * self.robot.n_joints, usual.rounds * self._seconds(self._cover(usual)) / usual.share
         )
-        optimum = self._optimum(budget)
+        optimum = ContinuousDesign(self.candidates, self.whole, budget)
+        # Parameters that even the continuous optimum leaves unknown count no longer.
+        counted = np.median(self.whole.errors(self.candidates.information(optimum.counts)), axis=0) <= self.sizes
+        self.criterion = replace(self.whole, counted=counted | (not counted.any()))
+        optimum = optimum if counted.all() else ContinuousDesign(self.candidates, self.criterion, budget)
         for coverage in coverages:
             required = self._cover(coverage)
             needed = coverage.rounds * self._seconds(required)
@@ -213,13 +217,6 @@ class Planner:
             Where(joint=joint),
             "widen the limits, or correct the recipe's block safety",
         )
-
-    def _optimum(self, budget: float) -> ContinuousDesign:
-        """The continuous optimum; parameters that even it leaves unknown count no longer."""
-        optimum = ContinuousDesign(self.candidates, self.whole, budget)
-        counted = np.median(self.whole.errors(self.candidates.information(optimum.counts)), axis=0) <= self.sizes
-        self.criterion = replace(self.whole, counted=counted | (not counted.any()))
-        return optimum if counted.all() else ContinuousDesign(self.candidates, self.criterion, budget)
 
     def _seconds(self, counts: Counts) -> float:
         """s of a round in which each candidate is made `counts` (L,) times, about, with the runs for judging."""

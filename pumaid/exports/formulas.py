@@ -232,9 +232,8 @@ def _terms(
         constants = values | {"slope_owner": f"slope_{owner}", "joint": float(joint)}
         text = law(term.shape, row) if effect.is_free else effect.formula_in(robot, owner, joint) or "0.0"
         hold, friction = at_rest(filled(text, constants))
-        for text, is_friction in ((hold, False), (friction, True)):
-            if text != "0.0":
-                yield Term(joint, spoken(term), text, is_friction)
+        texts = (hold, False), (friction, True)
+        yield from (Term(joint, spoken(term), *pair) for pair in texts if pair[0] != "0.0")
 
 
 # Bodies

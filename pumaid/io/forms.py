@@ -92,9 +92,9 @@ def yaml_line(value: Any) -> str:
         return "{" + ", ".join(f"{key}: {yaml_line(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(yaml_line, value)) + "]"
-    if value is None:
-        return "null"
-    return yaml_text(value) if isinstance(value, str) else f"{value + 0.0:.{DIGITS}g}"  # never -0
+    if isinstance(value, str):
+        return yaml_text(value)
+    return "null" if value is None else f"{value + 0.0:.{DIGITS}g}"  # never -0
 
 
 def yaml_number(value: float, decimals: int = 12) -> str:

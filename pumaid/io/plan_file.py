@@ -361,6 +361,9 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         mass, *at = motion.payload or [0.0]
         carried = {"payload": {"mass": mass, "at": at}} if motion.payload else {}
         runs.append(head(motion) | ends | {"purpose": motion.purpose} | carried)
+    made, names = plan.trajectory, ("time", *_STATES)
+    states = zip(made.time, *(getattr(made, key) / scales for key in _STATES), strict=True) if made else ()
+    knots = [{name: part.tolist() for name, part in zip(names, knot, strict=True)} for knot in states]
     return {
         "kind": "plan",
         "format": 1,
@@ -369,7 +372,7 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         "seed": plan.seed,
         "duration": plan.duration,
         "runs": runs,
-        "trajectory": None if plan.trajectory is None else _trajectory_document(plan.trajectory, scales),
+        "trajectory": made and {"kind": made.kind, "repeats": made.repeats, "knots": knots},
         "postures": [head(posture) | {"serves": list(posture.serves), "why": posture.why} for posture in plan.postures],
         "expected_std_errors": dict(plan.expected),
         "unseen": dict(plan.unseen),
@@ -378,12 +381,6 @@ def plan_document(plan: Plan, robot: Robot, *, angle: str = "rad") -> dict[str, 
         "recipe": {"file": robot.origin, "sha256": robot.digest},
         "notes": [note.as_json() for note in plan.notes],
     }
-
-
-def _trajectory_document(made: Trajectory, scales: list[float]) -> dict[str, Any]:
-    parts = [(np.array(getattr(made, key)) / scales).tolist() for key in _STATES]
-    knots = [dict(zip(("time", *_STATES), row, strict=True)) for row in zip(made.time.tolist(), *parts, strict=True)]
-    return {"kind": made.kind, "repeats": made.repeats, "knots": knots}
 
 
 def urscript(plan: Plan, robot: Robot) -> str:
@@ -415,12 +412,10 @@ def urscript(plan: Plan, robot: Robot) -> str:
     for step in trapezoids(robot, plan):
         if not lines:
             move(step.start, _APPROACH_RAMP, _APPROACH)
-        if step.motion is None:
-            move(step.end, step.acceleration, step.speed)
-            continue
-        lines += [f"sleep({REST})", f"# {_comment(step.motion, robot)}", f'textmsg("pumaid run ", {step.number})']
+        if step.motion is not None:
+            lines += [f"sleep({REST})", f"# {_comment(step.motion, robot)}", f'textmsg("pumaid run ", {step.number})']
         move(step.end, step.acceleration, step.speed)
-        lines.append(f"sleep({REST})")
+        lines += [f"sleep({REST})"] * (step.motion is not None)
     if plan.trajectory is not None:
         move(plan.trajectory.position[0], _APPROACH_RAMP, _APPROACH)
         lines += _knot_calls(plan.trajectory)

@@ -100,11 +100,6 @@ def is_joint_name(name: str) -> bool:
     )
 
 
-def _numbers(shape: Any) -> Any:
-    """A shape with numbers for its words."""
-    return {key: numbered(key, value) for key, value in shape.items()} if isinstance(shape, dict) else shape
-
-
 def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
     """The number of the joint at which an effect acts; None for all."""
     names = arm_of(info).names
@@ -204,7 +199,10 @@ class EffectForm(StrictForm):
 
     effect: Words = like("NAME in {effect: NAME, joint: 3}; pumaid effects lists the names")
     joint: Annotated[Any, BeforeValidator(_effect_joint)] = None
-    shape: Annotated[dict[str, Finite], BeforeValidator(_numbers)] = like("{velocity: 0.1}", default={})
+    shape: Annotated[
+        dict[str, Finite],
+        BeforeValidator(lambda x: {key: numbered(key, y) for key, y in x.items()} if isinstance(x, dict) else x),
+    ] = like("{velocity: 0.1}", default={})
 
 
 class BoxForm(StrictForm):
@@ -274,20 +272,24 @@ class RecipeForm(StrictForm):
 def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     """Faults that show only when two values are seen together; `names` are the joints'."""
     lower, pairs = [name.lower() for name in names], cast(Iterable[tuple[int, int]], form.coupling)
-    for index, name in enumerate(lower):
-        if name in lower[:index]:
-            yield (
-                ("joints", index),
-                f"joints {lower.index(name) + 1} and {index + 1} have the same name",
-                "give each its own name",
-            )
-    for number in sorted({number for pair in pairs for number in pair}):
-        if form.joints[number - 1].gear_ratio is None:
-            yield (
-                ("joints", number - 1, "gear_ratio"),
-                f"joint {number} takes part in coupling, and has no gear ratio",
-                "add gear_ratio: motor turns per joint turn",
-            )
+    yield from (
+        (
+            ("joints", index),
+            f"joints {lower.index(name) + 1} and {index + 1} have the same name",
+            "give each its own name",
+        )
+        for index, name in enumerate(lower)
+        if name in lower[:index]
+    )
+    yield from (
+        (
+            ("joints", number - 1, "gear_ratio"),
+            f"joint {number} takes part in coupling, and has no gear ratio",
+            "add gear_ratio: motor turns per joint turn",
+        )
+        for number in sorted({number for pair in pairs for number in pair})
+        if form.joints[number - 1].gear_ratio is None
+    )
     is_standard = form.convention == "standard"
     rows = form.joints if is_standard else form.joints[::-1]  # in a table of the other kind the first may be zero
     bends = [abs(math.sin(joint.alpha or 0.0)) > ROUNDING for joint in rows]

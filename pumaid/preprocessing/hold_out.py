@@ -130,10 +130,10 @@ def held_out_otherwise(estimate: Estimate, dataset: Dataset) -> list[Note]:
 
     The estimate says how many runs of each joint were fitted and held out, not which; of other logs it says nothing.
     """
-    changed = []
-    for fit in estimate.joints if is_fitted_to(estimate, dataset) else ():
-        marks = [run.heldout for run in dataset.of_joint(fit.joint)]
-        changed += [str(fit.joint)] * (len(marks) == fit.runs + fit.heldout_runs and sum(marks) != fit.heldout_runs)
+    fits = estimate.joints if is_fitted_to(estimate, dataset) else ()
+    marks = {fit.joint: [run.heldout for run in dataset.of_joint(fit.joint)] for fit in fits}
+    same = [fit for fit in fits if len(marks[fit.joint]) == fit.runs + fit.heldout_runs]
+    changed = [str(fit.joint) for fit in same if sum(marks[fit.joint]) != fit.heldout_runs]
     text = (
         f"other runs of joint {', '.join(changed)} are held out than when the model was fitted. Scores of held-out runs"
         " are therefore wrong; was the plan changed, or --heldout used only once?"

@@ -235,20 +235,6 @@ def _named(finding: Finding, robot: Robot) -> str:
     return f"{listed([label(name) for name in local], 'or')} {_at(finding, robot)}{distant}"
 
 
-def unexplained_sentences(joint: JointDiagnosis, units: str = "rad") -> list[str]:
-    """What is known of a residual without a name."""
-    repeats, shape = joint.repeats, joint.unexplained
-    return [
-        f"{floor_words(joint)}.",
-        *(
-            [f"{percent(repeats.share)} of the residual repeats in repeated runs (p = {number(repeats.p_value, 2)})."]
-            if repeats is not None
-            else []
-        ),
-        *([] if shape is None else [form_sentence(shape, units)]),
-    ]
-
-
 def form_sentence(shape: Unexplained, units: str = "rad") -> str:
     """The free form that describes the residual best, and where it is largest."""
     scale, unit = in_unit(shape.unit, units)
@@ -291,11 +277,6 @@ def other_sentences(diagnosis: Diagnosis, robot: Robot) -> list[str]:
         clear = "no joint's current depends on it, as far as these runs can show."
         out.append(f"Column {name.removeprefix(SUSPECT)}: {clear if name in testable else verdict}")
     return out
-
-
-def waves(up_to: float, unit: str) -> tuple[str, str]:
-    """A frequency in rad per rad or m as a number of waves, and of what: ``74``, ``waves a turn``."""
-    return (number(up_to, 2), "waves a turn") if unit == "rad" else (number(up_to / math.tau, 2), "waves a m")
 
 
 def weaknesses(diagnosis: Diagnosis, robot: Robot) -> list[str]:
@@ -382,7 +363,9 @@ def limit_table(diagnosis: Diagnosis, robot: Robot, *, units: str = "rad") -> Ta
                 [effect, f"{key[0]} ({unit})" if unit else key[0], *(cells.get(joint, "") for joint in columns)]
             )
         fastest = {
-            item.joint: waves(item.up_to, robot.joint(item.joint).position_unit)
+            item.joint: (number(item.up_to, 2), "waves a turn")  # rad per rad, or per m
+            if robot.joint(item.joint).is_revolute
+            else (number(item.up_to / math.tau, 2), "waves a m")
             for item in group
             if item.joint and item.up_to is not None
         }
@@ -426,7 +409,11 @@ def diagnosis_blocks(
     for joint in diagnosis.joints:
         if joint.verdict == UNEXPLAINED_JOINT:
             title = f"{joint_title(robot, joint.joint)}: something is missing that no effect of the catalogue explains"
-            texts = unexplained_sentences(joint, units)
+            texts = [f"{floor_words(joint)}."]
+            if joint.repeats is not None:
+                share, chance = percent(joint.repeats.share), number(joint.repeats.p_value, 2)
+                texts.append(f"{share} of the residual repeats in repeated runs (p = {chance}).")
+            texts += [] if joint.unexplained is None else [form_sentence(joint.unexplained, units)]
             blocks.append((joint, [Paragraph(title, style="bold"), *(Paragraph(text, 3) for text in texts)]))
     blocks.append((None, [Paragraph(text) for text in other_sentences(diagnosis, robot)]))
     limits = [Paragraph(f"- {text}", 2) for text in weaknesses(diagnosis, robot)]

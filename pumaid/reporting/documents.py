@@ -109,11 +109,6 @@ def parameters_frame(estimate: Estimate, units: str = "rad") -> pd.DataFrame:
     )
 
 
-def as_csv(frame: pd.DataFrame) -> bytes:
-    """A frame as a file's content."""
-    return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
-
-
 # Comparison
 
 

@@ -82,9 +82,8 @@ def command(effect: Effect) -> str:
 
 def bounds(low: float | None, high: float | None) -> str:
     """Bounds in words."""
-    if low is None:
-        return "any" if high is None else f"{high:g} or less"
-    return f"{low:g} or more" if high is None else f"{low:g} to {high:g}"
+    ends = "" if low is None else f"{low:g} or more", "" if high is None else f"{high:g} or less"
+    return f"{low:g} to {high:g}" if all(ends) else "".join(ends) or "any"
 
 
 def merged(items: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject, Run
+from pumaid.dataset import BLOCK, CONSTANT, STROKE, Dataset, Reject
 from pumaid.maths import by_key
 from pumaid.reporting.table import Row, Table
 from pumaid.reporting.text import count_kinds, counted_runs, in_unit, posture_text, relative_names, run_time
@@ -38,10 +38,11 @@ def run_table(dataset: Dataset, robot: Robot, *, units: str = "rad") -> Table:
     names = relative_names([run.origin for run in dataset.runs])
     rows: list[Row] = []
 
-    def block(numbered: tuple[int, Run]) -> tuple[str, int, int]:
-        return numbered[1].origin, numbered[1].first_row, numbered[1].joint * (numbered[1].kind != BLOCK)
-
-    for group in by_key(enumerate(dataset.runs, start=1), block).values():
+    blocks = by_key(
+        enumerate(dataset.runs, start=1),
+        lambda pair: (pair[1].origin, pair[1].first_row, pair[1].joint * (pair[1].kind != BLOCK)),
+    )
+    for group in blocks.values():
         (index, run), joints = group[0], [part for _, part in group]
         motion = [" ".join(str(part.joint) for part in joints), "-", "-", "-"]
         if run.kind != BLOCK:

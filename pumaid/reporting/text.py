@@ -174,13 +174,14 @@ def joint_label(robot: Robot, joint: int | None) -> str:
 
 def posture_text(robot: Robot, positions: Sequence[float], angle: str = "rad", *, moving: int = 0) -> str:
     """Positions (J,) of all joints: ``[0 – 90]``, a dash for joint `moving` (from 1) and for NaN."""
-    words = []
-    for joint, position in zip(robot.joints, positions, strict=True):
-        if joint.number == moving or not np.isfinite(position):
-            words.append("–")
-            continue
-        decimals = 0 if angle == "deg" and joint.is_revolute else 2
-        words.append(f"{round(position * in_unit(joint.position_unit, angle)[0], decimals) + 0.0:.{decimals}f}")
+    scaled = [
+        (joint, position * in_unit(joint.position_unit, angle)[0], 0 if angle == "deg" and joint.is_revolute else 2)
+        for joint, position in zip(robot.joints, positions, strict=True)
+    ]
+    words = [
+        f"{round(value, decimals) + 0.0:.{decimals}f}" if joint.number != moving and np.isfinite(value) else "–"
+        for joint, value, decimals in scaled
+    ]
     return "[" + " ".join(words) + "]"
 
 
@@ -319,15 +320,13 @@ def part_text(budget: Budget, part: BudgetPart) -> str:
         more = [f"{len(waves) - MOST_RIPPLES} more"] if len(waves) > MOST_RIPPLES else []
         size = " whose amplitude changes along the run" if "size" in part.against else ""
         return f"is ripple over position{size}: {listed(waves[:MOST_RIPPLES] + more)} cycles per {part.per}"
-    if part.name == "unassigned" and part.is_more:
-        return "repeats from run to run but matches no known pattern"
-    if part.name == "unassigned" and "few-runs" in budget.limits:
-        return "is slow within runs: noise or missing physics (too few runs to separate them)"
     if part.name == "unassigned":
-        return "differs from run to run: noise or missing physics (repeated runs would separate them)"
-    if not part.is_more:
-        return PART_NAMES[part.name]
-    return "; part of it ".join(PATTERNS[part.name, variable] for variable in part.against)
+        slow = "is slow within runs: noise or missing physics (too few runs to separate them)"
+        odd = "differs from run to run: noise or missing physics (repeated runs would separate them)"
+        noise = slow if "few-runs" in budget.limits else odd
+        return "repeats from run to run but matches no known pattern" if part.is_more else noise
+    patterns = (PATTERNS[part.name, variable] for variable in part.against)
+    return "; part of it ".join(patterns) if part.is_more else PART_NAMES[part.name]
 
 
 def by_joint(texts: Iterable[tuple[int, str]], robot: Robot, *, count: int = 0) -> list[str]:

@@ -145,9 +145,7 @@ def record_from(kind: Any, entry: Any) -> Any:
         return tuple(record_from(inner, item) for inner, item in zip(kinds, entry, strict=True))
     if isinstance(entry, dict):
         return {key: record_from(inside[1], numbered(key, item)) for key, item in entry.items()}
-    if kind is float:
-        return math.nan if entry is None else float(entry)
-    return entry
+    return (math.nan if entry is None else float(entry)) if kind is float else entry
 
 
 @cache

@@ -175,9 +175,12 @@ def read_history(results: Path) -> History:
             reversed(changes), key=lambda change: len(change[0]) + len(change[1]), default=(effects, (), None)
         )
         group.append(replace(entry, parent=parent, added=added, removed=removed, is_current=entry.number == current))
-    return History(
-        str(results / FOLDER), tuple(_ladder(group, main) for group in groups.values()), current, tuple(notes)
-    )
+    ladders = []
+    for group in groups.values():
+        last, keys = group[-1].estimate, zip(_APART, group[-1].key, main.key, strict=True)
+        apart = next((name for name, part, other in keys if part != other), "")
+        ladders.append(Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(group), apart))
+    return History(str(results / FOLDER), tuple(ladders), current, tuple(notes))
 
 
 def ladder_of(model: Path) -> Ladder | None:
@@ -224,12 +227,6 @@ def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
         else:
             entries[number] = Rung(number, path, digest, estimate)
     return list(entries.values()), notes
-
-
-def _ladder(group: Sequence[Rung], main: Rung) -> Ladder:
-    last = group[-1].estimate
-    apart = next((name for name, part, other in zip(_APART, group[-1].key, main.key, strict=True) if part != other), "")
-    return Ladder(last.robot, last.recipe_digest, dict(last.logs), tuple(group), apart)
 
 
 def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pumaid.dataset import Bins, Log, Run
+from pumaid.dataset import Bins, Log, Run, finite_means
 from pumaid.errors import ModelError, Where
 from pumaid.maths import Counts, Floats
 from pumaid.robot import Robot
@@ -276,10 +276,11 @@ def constant_run(movement: Trapezoid, local: Floats, count: Counts, *, start: fl
     motion, position = movement.motion, movement.at(local)[0]
     assert motion is not None, "a move between postures is no run"
     j, speed = motion.joint - 1, movement.peak * float(np.sign(motion.end - motion.start))
-    time, nothing = _means(start + local, count), np.zeros(len(count))
+    starts, nothing = np.cumsum(count) - count, np.zeros(len(count))
+    time = finite_means(start + local, starts)
     posture = np.array(motion.hold, dtype=float)
     mean_position = np.tile(posture, (len(count), 1))
-    mean_position[:, j] = _means(position[:, j], count)
+    mean_position[:, j] = finite_means(position[:, j], starts)
     posture[j] = np.nan
     speeds, unknown = np.full(len(count), speed), np.full(len(count), np.nan)
     return Run(
@@ -299,11 +300,6 @@ def constant_run(movement: Trapezoid, local: Floats, count: Counts, *, start: fl
         bins=Bins(count, time, mean_position, speeds, nothing, nothing, nothing, unknown),
         heldout=motion.purpose == "heldout",
     )
-
-
-def _means(values: Floats, count: Counts) -> Floats:
-    """Means over stretches of `count` values, one after the other."""
-    return np.asarray(np.add.reduceat(values, np.cumsum(count) - count) / count)
 
 
 def first_starts(plan: Plan, starts: Floats, *, n_joints: int) -> Floats:

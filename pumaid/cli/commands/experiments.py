@@ -255,16 +255,16 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
     given = None if options["check"] is None else read_plan(options["check"], robot)
     shared: dict[str, Any] = {
         "prior": None if options["prior"] is None else experiment.model(options["prior"]),
+        "payload": options["payload"],
         "seed": options["seed"],
         "tell": tell,
     }
     if given is not None:
         check = design.check_plan if given.trajectory is None else motion.check_motion
-        return check(robot, given, payload=options["payload"], **shared)
+        return check(robot, given, **shared)
     if options["motion"] is not None:
-        kind, minutes = options["motion"], options["minutes"]
-        return motion.plan_motion(robot, kind, minutes=minutes, payload=options["payload"], **shared)
-    return design.plan(robot, minutes=options["minutes"], payload=options["payload"], **shared)
+        return motion.plan_motion(robot, options["motion"], minutes=options["minutes"], **shared)
+    return design.plan(robot, minutes=options["minutes"], **shared)
 
 
 # simulate

@@ -254,7 +254,7 @@ def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
     from pumaid.io.plan_file import plan_text
 
     made = plan_of_findings(diagnosis.findings, robot)
-    if not made.motions:
+    if made.motions:
+        write_result(path, plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml"), "plan")
+    else:
         remark(f"there is nothing that more runs would decide: {path} is not written")
-        return
-    write_result(path, plan_text(made, robot, format="csv" if path.suffix.lower() == ".csv" else "yaml"), "plan")

@@ -212,8 +212,7 @@ class CsvLog(LogSource):
             if dialect.delimiter == _SPACES:
                 stream = _single_spaced(stream)
             try:
-                for batch in arrow_csv.open_csv(stream, *options):
-                    yield self._values(batch, names)
+                yield from (self._values(batch, names) for batch in arrow_csv.open_csv(stream, *options))
             except pa.ArrowInvalid as error:
                 if "Could not skip" not in str(error) and "Empty CSV" not in str(error):  # else there are no rows
                     self._judge(math.inf)

@@ -46,8 +46,7 @@ class JsonLog(LogSource):
         LogError [not-a-log, not-a-number]
             A line is no object, or a key does not have the same kind of value everywhere.
         """
-        for rows, columns in self._blocks():
-            yield Batch(np.array(rows), table(columns, names, self.name))
+        yield from (Batch(np.array(rows), table(columns, names, self.name)) for rows, columns in self._blocks())
 
     def _blocks(self) -> Iterator[tuple[Sequence[int], dict[str, Any]]]:
         """Numbers of lines, and their values by key, block by block."""

@@ -428,9 +428,8 @@ def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> 
     pairs = [(finding, curve) for finding in diagnosis.findings for curve in finding.curves]
     columns = [(_title(finding, curve, robot), label(finding.effect), curve, CURRENT) for finding, curve in pairs]
     columns += [_unexplained(x.joint, x.unexplained, robot) for x in diagnosis.joints if x.unexplained is not None]
-    if not columns:
-        return None
-    return Drawing("diagnosis", f"{robot.name}: missing effects", "", _evidence(columns[:MOST_COLUMNS], units))
+    title = f"{robot.name}: missing effects"
+    return Drawing("diagnosis", title, "", _evidence(columns[:MOST_COLUMNS], units)) if columns else None
 
 
 @styled()

@@ -13,7 +13,7 @@ from pumaid.diagnosis.records import Finding, JointDiagnosis
 from pumaid.effects import catalogue
 from pumaid.reporting import tables, text
 from pumaid.reporting.diagnosis import diagnosis_blocks, finding_table, headline
-from pumaid.reporting.documents import as_csv, parameters_frame, scores_frame
+from pumaid.reporting.documents import parameters_frame, scores_frame
 from pumaid.reporting.figures import model
 from pumaid.reporting.figures.experiment import MOST_RUNS, run_figure
 from pumaid.reporting.figures.model import ReportContext
@@ -268,8 +268,9 @@ def report_files(context: ReportContext, forms: Sequence[str]) -> Iterator[tuple
     ):
         yield f"tables/{name}.tex", table.latex().encode("utf-8")
         yield f"tables/{name}.md", table.markdown().encode("utf-8")
-    yield "tables/parameters.csv", as_csv(parameters_frame(context.estimate, context.units))
-    yield "tables/runs.csv", as_csv(scores_frame(context.comparison, context.robot))
+    frames = parameters_frame(context.estimate, context.units), scores_frame(context.comparison, context.robot)
+    for name, frame in zip(("parameters", "runs"), frames, strict=True):
+        yield f"tables/{name}.csv", frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
     contents, pictures = all_contents(context), dict[str, str]()
     for drawing in all_figures(contents):
         pictures[drawing.name] = drawing.file(INLINE).decode("utf-8")
