@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 
 #: Module -> public names that it defines.
 _NAMES = {
-    "pumaid.api": "Answer Arm Identified identify load read_recipe",
+    "pumaid.api": "Answer Arm Identified identify load read_recipe segment",
     "pumaid.dataset": "Bins Dataset FileFacts Log Reject Run",
     "pumaid.design.plan": "plan",
     "pumaid.effects": "catalogue",
@@ -37,7 +37,6 @@ _NAMES = {
     "pumaid.trajectory": "Motion NextRun Plan Posture Trajectory",
     "pumaid.diagnosis.compare": "compare",
     "pumaid.diagnosis.diagnose": "diagnose",
-    "pumaid.preprocessing.segment": "segment",
     "pumaid.simulation.session": "simulate",
 }
 _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}

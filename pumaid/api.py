@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from rich.console import Console, Group
@@ -23,6 +23,7 @@ from pumaid.estimate import Estimate, Value
 from pumaid.estimation import estimate as fitting
 from pumaid.experiment import LOGS, MODEL, Experiment
 from pumaid.exports import Exported, export
+from pumaid.preprocessing import segment as cutting
 from pumaid.reporting.diagnosis import diagnosis_parts
 from pumaid.reporting.documents import parameters_frame
 from pumaid.reporting.table import renamed
@@ -49,7 +50,7 @@ def load(folder: str | PathLike[str], *, recipe: str | PathLike[str] | None = No
     path = Path(folder)
     if not path.is_dir():
         raise ResultError("file-not-readable", f"{path} is no folder", Where(file=str(path)), "name another")
-    return Arm(path, Path(recipe or path))
+    return Arm(path, recipe or path)
 
 
 def read_recipe(recipe: str | PathLike[str]) -> Robot:
@@ -57,23 +58,15 @@ def read_recipe(recipe: str | PathLike[str]) -> Robot:
     return Experiment(recipe=Path(recipe)).robot
 
 
-@overload
-def identify(logs: Dataset, robot: Robot, **options: Any) -> Estimate: ...
-
-
-@overload
-def identify(logs: Logs, *, recipe: str | PathLike[str] | None = ..., **options: Any) -> Identified: ...
-
-
 def identify(
     logs: Logs | Dataset, robot: Robot | None = None, *, recipe: str | PathLike[str] | None = None, **options: Any
-) -> Identified | Estimate:
+) -> Any:
     """Identify gravity, friction and gain ratios from logged currents.
 
     Parameters
     ----------
     logs
-        Files, folders, globs. Or a dataset of one's own, with its `robot`: the answer is then the bare record.
+        Files, folders, globs: the answer is `Identified`. Or a dataset, with its `robot`: then the bare `Estimate`.
     robot
         The arm of a dataset.
     recipe
@@ -81,18 +74,30 @@ def identify(
     options
         As of `Arm.identify`; of a dataset as of `pumaid.estimation.estimate.identify`.
     """
-    if not isinstance(logs, Dataset):
-        return Arm(None, None if recipe is None else Path(recipe)).identify(logs, **options)
-    if robot is None:
-        raise TypeError("a dataset needs its robot: identify(dataset, robot)")
-    return fitting.identify(logs, robot, **options)
+    if isinstance(logs, Dataset) and robot is not None:
+        return fitting.identify(logs, robot, **options)
+    if isinstance(logs, Dataset) or robot is not None:
+        raise TypeError("a dataset needs its robot, files a recipe: identify(dataset, robot), identify(files, recipe=)")
+    return Arm(None, recipe).identify(logs, **options)
+
+
+def segment(
+    logs: Any, robot: Robot | None = None, *, recipe: str | PathLike[str] | None = None, **options: Any
+) -> Dataset:
+    """The runs in logs: in files, folders or globs, by a `recipe` as of `identify`; or in samples (`Log`), with
+    their `robot`.
+
+    `options` are those of `Arm.dataset`; of samples those of `pumaid.preprocessing.segment.segment`.
+    """
+    arm = Arm(None, recipe)
+    return arm.dataset(logs, **options) if robot is None else cutting.segment(logs, robot, **options)
 
 
 class Arm:
     """An arm with its experiment's folder (None where only logs are known) and its recipe (else near the logs)."""
 
-    def __init__(self, folder: Path | None, recipe: Path | None = None) -> None:
-        self.folder, self._recipe = folder, recipe
+    def __init__(self, folder: Path | None, recipe: str | PathLike[str] | None = None) -> None:
+        self.folder, self._recipe = folder, None if recipe is None else Path(recipe)
 
     def __repr__(self) -> str:
         """Robot and folder."""

@@ -123,6 +123,8 @@ def _by_recording(
     """Batches that are not empty, each with the number of its recording and its file."""
     clock, has_begun = 0, False
     for log in logs:
+        if not isinstance(log, Log):
+            raise TypeError(f"{str(log)[:40]!r} is no samples; of files: pumaid.segment(FILES, recipe=FILE)")
         watch(log)
         if log.position.shape[1] != n_joints:
             raise ValueError(f"{log.origin} has {log.position.shape[1]} joints, the robot has {n_joints}")

@@ -46,6 +46,15 @@ def test_strings_and_paths_alike(arm, estimate):
     assert pumaid.read_recipe("ur5e").n_joints == 6
 
 
+def test_segment_takes_files_or_samples(arm, estimate):
+    """Runs of files by their recipe; a robot goes with samples alone, and is not passed over beside files."""
+    recipe, logs = arm.folder / "recipe.yaml", arm.folder / "logs"
+    assert len(pumaid.segment(logs, recipe=recipe).runs) == len(estimate.dataset.runs)
+    for asked in (pumaid.segment, pumaid.identify):
+        with pytest.raises(TypeError, match="recipe="):
+            asked(str(logs), arm.robot)
+
+
 def test_questions_are_asked_of_the_estimate(estimate, arm):
     """compare, diagnose and plot answer with records that print, and a figure that shows itself."""
     comparison = estimate.compare()
