@@ -103,7 +103,7 @@ def urdf_of_mjcf(path: Path, content: bytes, file: str) -> ElementTree.Element:
             )
             ends[body] = child, frame
     robot = ElementTree.fromstring(f"<robot name={quoteattr(spec.modelname)}>{''.join(parts)}</robot>")
-    robot.attrib.update({GRAVITY: " ".join(map(str, model.opt.gravity))} if model.opt.gravity.any() else {})
+    robot.set(GRAVITY, " ".join(map(str, model.opt.gravity)))
     return robot
 
 

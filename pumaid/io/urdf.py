@@ -99,7 +99,7 @@ def read_robot(path: Path, tell: Callable[[str], None]) -> Robot:
 class UrdfFile:
     """A robot's `name`, its `links`, carriers first, and joints, which are trees; `digest` is the file's SHA-256.
 
-    `gravity` (m/s2) is in the root's axes. `arguments` are those of a xacro file, by name.
+    `gravity` (m/s2) is in the root's axes, zero where the file says so. `arguments` are those of a xacro file, by name.
 
     By link, `carrier` is the joint that carries it, in the file's order, `carried` are those that it carries, and
     `reach` is how many moving joints there are at most in one line outward of it.
@@ -219,7 +219,7 @@ class UrdfRecipe:
         self.base, self.tip = _ends(urdf, base, tip)
         before, self.path = urdf.path(None, self.base), urdf.path(self.base, self.tip)
         _refuse_unusable(urdf, self.base, self.path)
-        gravity = urdf.gravity
+        gravity = urdf.gravity if urdf.gravity.any() else np.array([0.0, 0.0, -FREE_FALL])
         for joint in before:
             gravity = gravity @ joint.frame()[:3, :3]
         self.left_out = [joint for joint in urdf.carrier.values() if joint.moves and joint not in before + self.path]
@@ -247,6 +247,8 @@ class UrdfRecipe:
             safety=safety_lines(solids, path.resolve().parent, length),
             floor="0.0" if max(heights[1:2], default=0.0) > 0.0 else "null",  # the second joint stands above the base
         )
+        text = f"the file states no gravity (0 0 0); {FREE_FALL} m/s2 along -z is taken: write the arm's own"
+        self.notes += [Note("urdf-incomplete", text)] * (not urdf.gravity.any())
         for joints, about in (
             (self.left_out, "left out: {}; hold still those that the arm carries, they weigh on it"),
             ([joint for joint in before if joint.moves], "gravity is given for {} before the base at 0"),

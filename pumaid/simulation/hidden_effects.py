@@ -93,6 +93,7 @@ class Law(NamedTuple):
     current: Callable[..., Floats] | None = None
     is_of_arm: bool = False  # the whole arm's and not a joint's
     needs_masses: bool = False  # constants in amperes do not do
+    is_of_weight: bool = False  # nothing where the joint carries none
 
 
 def _counterbalance(at: JointState, a: float, length: float, angle: float) -> Floats:
@@ -118,17 +119,23 @@ LAWS = {
     ),
     "viscous_power": Law(Kind.FRICTION, lambda at, b, exponent: b * np.abs(at.velocity) ** exponent),
     "load_friction": Law(
-        Kind.FRICTION, lambda at, drive, back: np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back)
+        Kind.FRICTION,
+        lambda at, drive, back: np.abs(at.load) * np.where(at.load * at.opposing > 0, drive, back),
+        is_of_weight=True,
     ),
-    "load_friction_square": Law(Kind.FRICTION, lambda at, a: a * at.load**2),
+    "load_friction_square": Law(Kind.FRICTION, lambda at, a: a * at.load**2, is_of_weight=True),
     "stribeck_load": Law(
-        Kind.FRICTION, lambda at, a, velocity: a * np.abs(at.load) * np.exp(-((np.abs(at.velocity) / velocity) ** 1.3))
+        Kind.FRICTION,
+        lambda at, a, velocity: a * np.abs(at.load) * np.exp(-((np.abs(at.velocity) / velocity) ** 1.3)),
+        is_of_weight=True,
     ),
     "side_load_friction": Law(Kind.FRICTION, lambda at, mu: mu * at.across, needs_masses=True),
     "position_friction": Law(Kind.FRICTION, lambda at, cos, sin, harmonic: _waves(at, cos, sin, harmonic)),
     "ripple": Law(Kind.LOAD, _waves),
     "load_ripple": Law(
-        Kind.LOAD, lambda at, cos, sin, frequency: np.sqrt(at.load**2) * _waves(at, cos, sin, frequency)
+        Kind.LOAD,
+        lambda at, cos, sin, frequency: np.sqrt(at.load**2) * _waves(at, cos, sin, frequency),
+        is_of_weight=True,
     ),
     "spring": Law(Kind.LOAD, lambda at, a: a * at.position),
     "counterbalance": Law(Kind.LOAD, _counterbalance),
@@ -141,7 +148,7 @@ LAWS = {
     "tilt": Law(Kind.ROBOT, is_of_arm=True),
     "zero_offset": Law(Kind.ROBOT),
     "payload": Law(Kind.ROBOT, is_of_arm=True, needs_masses=True),
-    "flexibility": Law(Kind.ROBOT),
+    "flexibility": Law(Kind.ROBOT, is_of_weight=True),
     "coupling": Law(Kind.LOAD, lambda at, c, on: c * (at.load + at.friction)),
     "torque_constant_drift": Law(
         Kind.CURRENT,
@@ -262,7 +269,7 @@ def sized(hidden: Sequence[Hidden], usual: Sequence[Mapping[str, float]], *, has
         is_for_all, before = effect.joint is None and not law.is_of_arm, len(out)
         for joint in usual if is_for_all else [usual[(effect.joint or len(usual)) - 1]]:
             values = usual_values(joint)[effect.effect] | effect.values
-            if all(map(math.isfinite, values.values())):
+            if all(map(math.isfinite, values.values())) and not (law.is_of_weight and joint["peak_load"] == 0.0):
                 out.append(Hidden(effect.effect, int(joint["joint"]) if is_for_all else effect.joint, values))
         if len(out) == before:
             at = "none of the joints carries" if is_for_all else f"joint {effect.joint} does not carry"

@@ -291,8 +291,8 @@ def test_wrong_names_are_told(text, mend):
     assert mend in caught.value.mend
 
 
-@pytest.mark.parametrize("effect", ["payload", "side_load_friction", "flexibility"])
+@pytest.mark.parametrize("effect", ["payload", "side_load_friction", "flexibility:c=0.1", "load_friction:drive=0.3"])
 def test_what_cannot_be_had_is_told(effect):
-    """Masses are not to be had from constants in amperes, nor a size from a load that is none."""
+    """Masses are not to be had from constants in amperes, nor an effect of a load that is none, whatever its values."""
     with pytest.raises(ModelError, match="hide-wrong"):
-        PUMA.hiding([Hidden(effect, None if effect == "payload" else 1)])
+        PUMA.hiding([parse(effect if effect == "payload" else effect.replace(":", "@1:"), PUMA.robot)])

@@ -182,7 +182,7 @@ def test_what_cannot_be_a_recipe_is_told(made, change, slug: str, said: str) -> 
     """In one message that says what; a file without gravity is taken for an upright arm, as a URDF is."""
     text = ARM.replace(*change)
     if not slug:
-        assert made(text).robot.gravity == (0.0, 0.0, -9.80665)
+        assert made(text).robot.gravity == (0.0, 0.0, -9.80665) and "states no gravity" in str(made(text).notes)
         return
     with pytest.raises(PumaidError) as refused:
         made(text)
