@@ -143,9 +143,14 @@ def _times(header: Sequence[str], position: str) -> tuple[list[str], bool]:
     }
     named = [name for word in _KNOWN["time"] for name in header if (plain[name] or words[name]) == [word]]
     single = [name for name in named if name not in paired]
-    more = [name for name in header if {*words[name]} & {*_KNOWN["time"]} - {*_SECONDS}]
+    more = clocks(header)
     candidates = [*([name] for name in single), *pairs, *([name] for name in more)]
     return (candidates or [[]])[0], bool(single or pairs or len(more) == 1)
+
+
+def clocks(header: Sequence[str]) -> list[str]:
+    """The columns whose names speak of a time, and not of its seconds alone."""
+    return [name for name in header if {*words_of(name)} & {*_KNOWN["time"]} - {*_SECONDS}]
 
 
 def stated_unit(text: str, quantity: str) -> str:
@@ -191,21 +196,6 @@ def _bare(name: str) -> str:
     return re.sub(r"\{\w+(?::\w+)?\}|(?<=[\u3040-\u9fff])(?=[A-Za-z])|(?<=[A-Za-z])(?=[\u3040-\u9fff])", " ", name)
 
 
-def _meaning(name: str) -> dict[str, int]:
-    """What the words of a name speak of, the first the strongest, and the place of the word among those for it."""
-    words, out = words_of(name), dict[str, int]()
-    for what, signs in _KNOWN.items():
-        # A word is one of these, ends with a long one, or holds a Chinese or Japanese one.
-        places = [
-            place
-            for place, sign in enumerate(signs)
-            for word in words
-            if word == sign or (len(sign) > 3 and word.endswith(sign)) or (not sign.isascii() and sign in word)
-        ]
-        out |= {what: places[0]} if places else {}
-    return out
-
-
 def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, int]:
     """Templates that name a column for every joint, and whether there is a column for one joint more.
 
@@ -228,7 +218,16 @@ def _templates(header: Sequence[str], names: Sequence[str]) -> dict[str, int]:
 
 def _score(template: str, quantity: str) -> float:
     """How well the words of a template speak of a quantity; a torque stands for a current where there is none."""
-    words, meaning = words_of(template), _meaning(template)
+    words = words_of(template)
+    # What they speak of, and the place of the strongest among the words for it: one of these, one that ends with a long
+    # one, or one that holds a Chinese or Japanese one.
+    meaning = {
+        what: place
+        for what, signs in _KNOWN.items()
+        for place, sign in reversed([*enumerate(signs)])
+        for word in words
+        if word == sign or (len(sign) > 3 and word.endswith(sign)) or (not sign.isascii() and sign in word)
+    }
     asked = {quantity, "torque"} & {*meaning} if quantity == "current" else {quantity} & {*meaning}
     if not asked:
         return -math.inf

@@ -8,6 +8,7 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,8 +18,8 @@ import numpy as np
 
 from pumaid.dataset import FileFacts, Log
 from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import EPISODE, guessed, is_wanted, log_block, spelt, stated_unit, unit_in
-from pumaid.io.formats import HEAD_BYTES, LogColumn, log_format
+from pumaid.io.column_names import EPISODE, clocks, guessed, is_wanted, log_block, spelt, stated_unit, unit_in
+from pumaid.io.formats import HEAD_BYTES, LogColumn, LogSource, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
@@ -53,6 +54,8 @@ _PROBE = 100_000
 _GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.05
 #: s, and share of the median: times between samples that vary by more (RMS) blur where an arm speeds up and slows down.
 _JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
+#: Share by which another clock may go faster or slower than the one that is read.
+_DRIFT = 0.02
 #: The entry of the rows that have a fault in any column.
 _ANY = ""
 
@@ -86,13 +89,7 @@ _KINDS = {
         "write the time with more digits",
     ),
     "velocity": ("column-absent", "no velocity", "speeds are taken from position there", 1.0, ""),
-    "current": (
-        "column-absent",
-        "no current",
-        "these samples show nothing of their joints, and are not fitted",
-        1.0,
-        "",
-    ),
+    "current": ("column-absent", "no current", "these samples show nothing of their joints", 1.0, ""),
     "wrapped": ("position-wraps", "a jump of position by a whole turn", "it is taken as continuous", 1.0, ""),
 }
 
@@ -134,6 +131,7 @@ class LogReader:
             schema = source.schema()
             self.robot, naming = as_named(schema, self.robot)
             columns = Columns(schema, self.robot, name, extra=self.extra)
+            columns.notes += _clocks_apart(source, [column.name for column in schema], self.robot.log)
             log = self.robot.log
             stated = [column.unit for column in schema if column.name == log.column("current", 1)]
             if word := stated_unit(stated[0] if stated else "", "current"):
@@ -175,6 +173,8 @@ class Columns:
     places
         Quantity -> (k, 2) rows of (index of the joint from 0, index into `names`); ``extra`` the same with the index of
         the column asked for instead of the joint's. These stand last in `names`.
+    read
+        The columns to read of the file: `names`, then fractions of the time and the number of the recording, if any.
     notes
         What is absent and may be.
 
@@ -235,13 +235,9 @@ class Columns:
         self.factors, self.zeros = np.array(factors), np.array(zeros)
         self.episode = next(filter(EPISODE.fullmatch, header), "")
         self._counted = np.full((int(bool(self.episode)), 1), np.nan)
+        self.read = [*self.names, *(self.fraction or ())[:1], *filter(None, [self.episode])]
 
-    @property
-    def read(self) -> list[str]:
-        """The columns to read of the file: those of `names`, fractions of the time, and the number of the recording."""
-        return [*self.names, *([self.fraction[0]] if self.fraction else []), *([self.episode] if self.episode else [])]
-
-    def episodes(self, rows: Counts, table: Floats) -> Iterator[tuple[Counts, Floats, bool]]:
+    def episodes(self, rows: Counts, table: Floats) -> list[tuple[Counts, Floats, bool]]:
         """The parts of a batch (rows, and values without the number of the recording) that are of one recording each.
 
         With whether its clock starts anew.
@@ -249,8 +245,8 @@ class Columns:
         cut = len(table) - bool(self.episode)
         begins: Flags = np.any(np.abs(np.diff(table[cut:], prepend=self._counted)) > 0.0, axis=0)
         self._counted = table[cut:, -1:]
-        for start, stop in pairwise([0, *np.flatnonzero(begins[1:]) + 1, len(rows)]):
-            yield rows[start:stop], table[:cut, start:stop], bool(begins[start])
+        ends = pairwise([0, *np.flatnonzero(begins[1:]) + 1, len(rows)])
+        return [(rows[start:stop], table[:cut, start:stop], bool(begins[start])) for start, stop in ends]
 
 
 class Cleaner:
@@ -410,9 +406,7 @@ class Cleaner:
             if not self.robot.joints[joint].is_revolute:
                 continue
             jump = np.diff(table[column], prepend=before[column])
-            is_counted = (
-                table[column] == np.round(table[column])
-            ).all()  # no rad but counts, to be refused as they are
+            is_counted = (table[column] == np.round(table[column])).all()  # no rad, and to be refused as counts
             if is_counted or (self._turns[joint] == 0 and np.abs(jump).max() < math.pi):
                 continue
             fastest = self.robot.joints[joint].max_velocity or _FASTEST
@@ -470,6 +464,25 @@ class Cleaner:
             about = f"the median interval is {median:.4g} s and no run crosses a gap"
             notes.append(Note("gaps", f"{text}; {about}", Where(file=self.name, row=int(rows[0]))))
         return notes
+
+
+def _clocks_apart(source: LogSource, header: Sequence[str], log: LogFormat) -> Iterator[Note]:
+    """Columns that count time faster or slower than the one that is read, by more than `_DRIFT`, units apart."""
+    for other in (name for name in clocks(header) if name not in (log.time, log.fraction)):
+        ratio = math.nan
+        with suppress(LogError, StopIteration):  # it holds texts, or nothing
+            steps = np.diff(next(source.batches([log.time, other])).values)
+            is_clock = len(steps[1]) > 0 and (steps[1] >= 0.0).all() and np.mean(steps[1] > 0.0) > 0.5
+            ratio = float(np.divide(*steps[::-1, steps[0] > 0.0].sum(axis=1))) if is_clock else ratio
+        rate = ratio / 1e3 ** round(math.log(ratio, 1e3)) if ratio > 0.0 else 1.0
+        if abs(rate - 1.0) > _DRIFT:
+            yield Note(
+                "time-unit",
+                f"{other} runs {rate:.4g} times as fast as {log.time}, by which speeds are taken: if it is right they"
+                f" are {rate:.3g} times too large, viscous friction {1.0 / rate:.3g} and inertia {rate**-2:.3g} times"
+                f" as large as it should be; 'time: {other}' in the recipe's log block takes it",
+                Where(file=source.name, column=other),
+            )
 
 
 def factor_of(robot: Robot, quantity: str, joint: Joint, *, unit: str = "") -> float:

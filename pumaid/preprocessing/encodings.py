@@ -108,3 +108,13 @@ def strays(time: Floats, position: Floats) -> dict[str, float]:
     is_stray &= way < LEAP * (time[back + 1] - time[away])
     places = position[back[is_stray]]
     return {"strays": float(len(places)), "stray": float(places.min(initial=np.inf))}
+
+
+def spikes(current: Floats) -> dict[str, float]:
+    """How often (N,) A leap for one sample farther than all others are apart, ``spikes``; their size, ``spike``."""
+    step = np.diff(current)
+    size = np.minimum(np.abs(step[1:]), np.abs(step[:-1]))
+    is_leap = (step[1:] * step[:-1] < 0.0) & (size * len(step) > USUAL * np.abs(step).sum())
+    leap = 1 + np.flatnonzero(is_leap)
+    leap = leap[size[leap - 1] > np.ptp(np.delete(current, leap))] if len(leap) else leap
+    return {"spikes": float(len(leap)), "spike": float(np.abs(current[leap]).max(initial=0.0))}

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -18,6 +19,7 @@ from pumaid.dataset import Dataset, FileFacts
 from pumaid.errors import LogError, Note, Where, listed, refuse
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import LogPath
+from pumaid.maths import Counts
 from pumaid.preprocessing.binning import DEFAULTS, SegmentOptions
 from pumaid.preprocessing.log_checks import LogStatistics, findings
 from pumaid.preprocessing.segment import bounded, segment
@@ -28,6 +30,8 @@ Result = TypeVar("Result")
 
 #: Notes of one kind that are printed in full, and copies of files that are named.
 MOST_ALIKE = 3
+#: Share of a file's samples that stand in another one, and least number of their marks, by which it is a copy.
+ALIKE, FEWEST = 0.9, 16
 #: Files whose results may wait for an earlier one's: memory stays bounded.
 MOST_WAITING = 64
 #: Processes at most where nobody says how many.
@@ -60,10 +64,11 @@ def ingest(
         A file cannot be read, no file has a row, or the columns cannot mean what the recipe says.
     """
     work = partial(read_file, robot=robot, options=options, extra=tuple(extra))
-    total, dataset, faults = LogStatistics(robot), Dataset(()), []
+    total, dataset, faults, marks = LogStatistics(robot), Dataset(()), [], []
     for done, (part, sums) in enumerate(in_order(work, paths, executor), start=1):
         dataset = _joined(dataset, part)
         faults += [item for item in findings(sums) if isinstance(item, LogError)]
+        marks.append(sums.marks)
         total.absorb(sums)
         progress(done)
     if not any(facts.rows for facts in dataset.files):
@@ -74,7 +79,7 @@ def ingest(
     filled = sum(facts.rows > 0 for facts in dataset.files)
     refused = [_of_few(item, faults, filled) for item in of_all if isinstance(item, LogError)]
     refused = refused or list({fault.slug: fault for fault in reversed(faults)}.values())[::-1]
-    refused += _copies(dataset.files)
+    refused += _copies(dataset.files, marks)
     refuse([] if trust else refused)
     believed = [Note(item.slug, f"{item.what}; {item.mend}", item.where) for item in refused]
     notes = [*_summarised(dataset.notes), *believed, *(item for item in of_all if isinstance(item, Note))]
@@ -127,15 +132,24 @@ def _joined(whole: Dataset, part: Dataset) -> Dataset:
     return Dataset(tuple(bounded(runs)), rejects, (*whole.files, *part.files), (*whole.notes, *part.notes), part.extra)
 
 
-def _copies(files: Sequence[FileFacts]) -> list[LogError]:
-    """Files that are the same, byte for byte: counted as two they make errors too small by the root of two."""
-    first: dict[str, str] = {}
-    filled = [facts for facts in files if facts.rows and facts.digest]
-    copies = [facts.name for facts in filled if first.setdefault(facts.digest, facts.name) != facts.name]
-    pairs = [f"{facts.name} is a copy of {first[facts.digest]}" for facts in filled if facts.name in copies]
-    more = f" ... ({len(pairs)} in all)" if len(pairs) > MOST_ALIKE else ""
-    what = f"{'; '.join(pairs[:MOST_ALIKE])}{more}: counted twice, errors would come out too small"
-    return [LogError("log-doubled", what, Where(file=copies[0]), "leave one of the two out")] if copies else []
+def _copies(files: Sequence[FileFacts], marks: Sequence[Counts]) -> Iterator[LogError]:
+    """Files whose samples stand in an earlier one, or hold those of one, by their `marks`, whatever their times."""
+    first, pairs = dict[int, int](), dict[str, str]()
+    for number, (facts, part) in enumerate(zip(files, marks, strict=True)):
+        for other, count in Counter(first[mark] for mark in part.tolist() if mark in first).most_common(1):
+            limit = min(part[-1], marks[other][-1])  # of each file the least marks are there
+            if count > max(FEWEST, ALIKE * min((chosen <= limit).sum() for chosen in (part, marks[other]))):
+                pairs[facts.name] = f"{facts.name} has the samples of {files[other].name} again"
+        first = dict.fromkeys(part.tolist(), number) | first
+    if pairs:
+        more = f" ... ({len(pairs)} in all)" if len(pairs) > MOST_ALIKE else ""
+        yield LogError(
+            "log-doubled",
+            f"{'; '.join([*pairs.values()][:MOST_ALIKE])}{more}: counted twice, errors would come out too small, and"
+            " those of held-out samples would be those of the fit",
+            Where(file=next(iter(pairs))),
+            "leave one of the two out",
+        )
 
 
 def _summarised(notes: Sequence[Note]) -> Iterator[Note]:

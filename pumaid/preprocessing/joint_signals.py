@@ -16,7 +16,7 @@ from pumaid.io.log_reader import factor_of
 from pumaid.maths import Floats
 from pumaid.preprocessing.encodings import AN_OCTAVE, MISREAD, OCTAVES, SHARE, lost_sign
 from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics
-from pumaid.robot import QUANTITIES, Joint, LogFormat, Robot
+from pumaid.robot import QUANTITIES, Conversion, Joint, LogFormat, Robot
 from pumaid.units import UNITS, factor, number
 
 #: Path (rad or m) from which a joint counts as moved: less is drift, or a test of the brakes.
@@ -84,6 +84,12 @@ class JointSignals:
         self.is_constant = self.least_current == self.most_current and self.moving >= FLAT_COUNT
         self.is_measured = self.has_moved and self.moving > 0 and not self.is_constant
         self.largest = max(-self.least_current, self.most_current)
+        #: Whether the recipe says that currents are currents, and not torques or shares of them.
+        self.is_ampere = sums.robot.log.units.get("current", "A") in ("A", "mA")
+        #: Whether all currents are whole numbers where A are read, with steps of an ammeter that no arm has.
+        ends = np.array([self.least_current, self.most_current, self.least_change])
+        is_plain = self.is_ampere and self.is_measured and abs(factor_of(sums.robot, "current", joint)) == 1.0
+        self.is_counted = is_plain and bool(np.isfinite(ends).all()) and is_whole(ends) and self.least_change >= 0.5
         beyond = self.sizes[int(AN_OCTAVE * (math.log2(MOST_AMPERES) - OCTAVES[0])) :]
         self.is_large = self.is_ampere and bool(beyond.sum() > SHARE * self.moving)
         #: Another joint (from 1) whose position the velocity column follows, and one whose current this joint's is.
@@ -108,19 +114,22 @@ class JointSignals:
             looks = MISREAD.get(meaning.encoding, "") if is_far else ""
             return looks and f"is negative only beyond {self.least_negative:.4g} A, and looks like {looks}", looks
         what, encoding = lost_sign(self.sizes, self.least_change)
+        apart = self.misfit() - self.misfit(are_sizes=True) if not what and self.has_moved else 0.0
+        if apart > HALF and 0.5 / ALIKE_WINDOWS * len(self.sums.alone[self.k]) * apart > SURELY:
+            what = "sizes without sign (weight turns round with the direction, friction does not)"
         return what and f"is never negative although it moves both ways, and looks like {what}", encoding
 
-    @property
-    def is_ampere(self) -> bool:
-        """Whether the recipe says that currents are currents, and not torques or shares of them."""
-        return self.sums.robot.log.units.get("current", "A") in ("A", "mA")
+    def misfit(self, scale: float = 1.0, *, are_sizes: bool = False) -> float:
+        """Logarithm of the mean square (A2) that gravity and friction leave of currents while it moves alone.
 
-    @property
-    def is_counted(self) -> bool:
-        """Whether all currents are whole numbers where A are read, with steps of an ammeter that no arm has."""
-        is_plain = self.is_ampere and self.is_measured and abs(factor_of(self.sums.robot, "current", self.joint)) == 1.0
-        ends = np.array([self.least_current, self.most_current, self.least_change])
-        return is_plain and bool(np.isfinite(ends).all()) and is_whole(ends) and self.least_change >= 0.5
+        Positions are multiplied by `scale`; `are_sizes` takes currents as sizes of those in the direction of motion.
+        """
+        parts = [*self.sums.postures(self.k, scale)]
+        tables = [part * (part[:, 3:4] if are_sizes else 1.0) for part, _ in parts]
+        drawn = [currents[:, self.k] for _, currents in parts]
+        rests = [y - table @ np.linalg.lstsq(table, y)[0] for table, y in zip(tables, drawn, strict=True)]
+        free = max(sum(map(len, rests)) - 5 * len(parts), 1)
+        return math.log(max(sum(float(rest @ rest) for rest in rests), 1e-12) / free)
 
     @property
     def jump(self) -> float:
@@ -129,6 +138,13 @@ class JointSignals:
         scatter = self.jump_squares / max(self.jumps, 1.0) - size**2
         is_jump = scatter < (ONE_SIZE * size) ** 2 and not size < STEPS * self.least_step < math.inf
         return float(size) if self.jumps >= JUMPS and is_jump else 0.0
+
+    @cached_property
+    def normalised(self) -> tuple[float, float] | None:
+        """Ends of the hundredths of a calibrated range, as LeRobot has them, that the position reaches exactly."""
+        low, high = np.round(_raw(self.sums, np.array([self.lowest, self.highest]), self.joint), 6).tolist()
+        is_plain = self.joint.is_revolute and "position" not in self.sums.robot.log.conversions
+        return (low, high) if is_plain and high == 100.0 and low in (-100.0, 0.0) else None
 
     @property
     def is_impossible(self) -> bool:
@@ -250,7 +266,7 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
         )
     scales = {item: item[1] * factor("deg") / item[0] for item in fitting}
     weights = 0.5 / ALIKE_WINDOWS * np.array([len(j.sums.alone[j.k]) for j, _ in turning])
-    errors = {item: _errors(turning, scale) for item, scale in scales.items()}
+    errors = {item: np.array([j.misfit(scale / abs(size)) for j, size in turning]) for item, scale in scales.items()}
     best, *rivals = sorted(fitting, key=lambda item: float(weights @ errors[item]))
     apart = errors[(rivals or [best])[0]] - errors[best]
     is_sure = weights @ apart > SURELY and apart.max() > HALF
@@ -270,18 +286,20 @@ def position_counts(signals: Sequence[JointSignals]) -> str:
     return mend or paste(condition, plain, "position", scale=scales[item], zero=float(zero))
 
 
-def _errors(turning: Sequence[tuple[JointSignals, float]], scale: float) -> Floats:
-    """(J,) logarithms of the mean square (A2) that gravity and friction leave of currents of joints that move alone.
-
-    A count is `scale` rad, and was read as the size (rad) beside each joint.
-    """
-    out = np.zeros(len(turning))
-    for k, (j, size) in enumerate(turning):
-        parts = [*j.sums.postures(j.k, scale / abs(size))]
-        rests = [drawn[:, j.k] - part @ np.linalg.lstsq(part, drawn[:, j.k])[0] for part, drawn in parts]
-        free = max(sum(map(len, rests)) - 5 * len(parts), 1)
-        out[k] = math.log(max(sum(float(rest @ rest) for rest in rests), 1e-12) / free)
-    return out
+def calibrated_range(signals: Sequence[JointSignals]) -> str:
+    """What to put into the recipe where positions are hundredths of the range that each joint was calibrated over."""
+    log, meanings = signals[0].sums.robot.log, []
+    for j in signals_of(signals[0].sums):
+        low, high = j.normalised or (-100.0, 100.0)
+        scale = (j.high - j.low) / (high - low) if j.joint.limits else math.pi / 100.0
+        meanings.append(Conversion(round(scale, 9), round(low - j.low / scale, 6) if j.joint.limits else 0.0))
+    log = replace(
+        log, units={**log.units, "position": "rad"}, conversions={**log.conversions, "position": tuple(meanings)}
+    )
+    condition = (
+        "if each joint was calibrated from limit to limit (a turn where the recipe has none; else write its range"
+    )
+    return _PASTE.format(f"{condition} over 200 as scale)", log_block(log))
 
 
 def _encoders(

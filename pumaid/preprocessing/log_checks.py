@@ -25,6 +25,7 @@ from pumaid.preprocessing.joint_signals import (
     STRONGER,
     UNRELATED,
     JointSignals,
+    calibrated_range,
     current_encoding,
     other_units,
     position_counts,
@@ -239,15 +240,12 @@ def _currents_swapped(sums: LogStatistics) -> Found:
         yield figures | {"joint": next(iter(moved_to)), "fault": is_sure}
 
 
-def _at_rest(sums: LogStatistics) -> Found:
-    still = [str(j.joint.number) for j in signals_of(sums) if not j.has_moved]
-    if still and len(still) < sums.robot.n_joints:
-        yield {"which": f"joints {', '.join(still)} never move" if len(still) > 1 else f"joint {still[0]} never moves"}
-
-
 #: Signs of positions, then units, since wrong ones cause much of what follows: where one is refused, the checks of
 #: later tables are not made.
 POSITION_CHECKS = (
+    Check("units-disagree", _first(lambda j: j.normalised, mend=calibrated_range),
+          "positions of joint {joint}{alike} run from {j.normalised[0]:g} to 100 in the log, exactly and no farther: "
+          "hundredths of a calibrated range (LeRobot's, without use_degrees), no angles", "{mend}", fault=True),
     Check("sign-lost", _first(lambda j: j.jump, mend=position_counts),
           "the position of joint {joint}{alike} jumps by {j.jump:.5g} {j.joint.position_unit} {j.jumps:.0f} times "
           "while it moves on: the encoder's range is no turn in this unit, or a sign was lost", "{mend}", fault=True),
@@ -323,6 +321,11 @@ OTHER_CHECKS = (
     Check("current-saturated", _each(lambda j: j.is_measured and j.flat_top and not j.mark),
           "current of joint {joint} is at its limit, {j.flat_top[0]} A, in {j.flat_top[1]} of {j.moving:.0f} moving "
           "samples", "it is cut off by the drive or the sensor; slower runs stay below", column="current"),
+    Check("current-spikes", _each(lambda j: j.is_measured and j.spikes and not (j.mark or j.has_zeros)),
+          "current of joint {joint} leaps to {j.spike:.4g} A and back within a sample, farther than all others are "
+          "apart (leaps: {j.spikes:.0f} in {j.moving:.0f} moving samples)",
+          "errors come out too large, and spikes to one side bias friction and gravity: leave these cells empty",
+          column="current"),
     Check("current-frozen", _each(lambda j: j.is_measured and not j.flat_top and j.frozen),
           "current of joint {joint} {j.frozen}", "the signal froze, is held and so late, or its steps are too coarse",
           column="current"),
@@ -341,7 +344,7 @@ OTHER_CHECKS = (
           "where only some joints are in it, current: {{column: {j.sums.robot.log.current}, scale: [1, 0.001, ...]}}, "
           "a factor for each joint",
           column="current", fault=True),
-    Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not (j.is_large or j.mark)
+    Check("units-disagree", _each(lambda j: j.is_measured and j.is_ampere and not (j.is_large or j.mark or j.spikes)
           and not SMALL <= j.largest <= MOST_AMPERES),
           "current of joint {joint} is {j.largest:.4g} A at most, and an arm's motor draws more than "
           f"{SMALL:g} and less than {MOST_AMPERES:g} A",
@@ -356,5 +359,14 @@ OTHER_CHECKS = (
           "{j.sums.robot.log.current} is read as A, and drivers write N m, A, mA or a share of a rated torque there: "
           "weight and friction are in its unit, whatever results say",
           "say effort: current, effort: torque or units: {{current: ...}} in the recipe's log block", column="current"),
-    Check("joint-at-rest", _at_rest, "{which} in these logs", ""),
+    Check("unit-shown", _first(lambda j: j.has_moved and max(-j.lowest, j.highest) < 100.0 * factor("deg")
+          and j.sums.robot.log.units.get("position") == "deg"
+          and any(word in j.sums.robot.log.position for word in (".pos", "observation.state"))),
+          "positions are read as degrees, and none is beyond 100: LeRobot without use_degrees writes hundredths of a "
+          "joint's calibrated range so", "if these are such, weights and friction are wrong: write their scale"),
+    Check("joint-at-rest",
+          lambda sums: ({"which": f"joint{'s' * bool(still[1:])} {', '.join(still)} never move{'s' * (not still[1:])}"}
+              for still in [[str(j.joint.number) for j in signals_of(sums) if not j.has_moved]]
+              if 0 < len(still) < sums.robot.n_joints),
+          "{which} in these logs", ""),
 )  # fmt: skip

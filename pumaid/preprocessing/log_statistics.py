@@ -9,7 +9,7 @@ import numpy as np
 
 from pumaid.dataset import Log, finite_means
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.preprocessing.encodings import CLASSES, leaps, size_counts, strays
+from pumaid.preprocessing.encodings import CLASSES, leaps, size_counts, spikes, strays
 from pumaid.robot import Robot
 
 #: s; displacements and mean currents are taken over windows of this: encoder noise averages out, a stroke has many.
@@ -26,19 +26,22 @@ SAME_POSTURE, MOST_WINDOWS = 0.1, 6000
 VELOCITIES, OFTEN = 0.5, 0.3
 #: Fewest samples of a window that can be flat.
 FLAT = 3
+#: Samples that are looked at together whether they stand in another log, too; A, rad or m within which they are the
+#: same; marks of a log that are kept; and what spreads numbers over all 64 bits, an odd one (of the golden ratio).
+TOGETHER, SAME, MOST_MARKS, MIXER = 8, 1e-5, 256, np.int64(-7046029254386353131)
 #: Totals of which the least or the largest of two parts counts, and what they begin with; all others add up from 0.
 EXTREMES: dict[str, tuple[np.ufunc, float]] = {
     **dict.fromkeys(
         ("lowest", "least_current", "least_negative", "least_step", "least_change", "stray"), (np.fmin, math.inf)
     ),
-    **dict.fromkeys(("highest", "most_current"), (np.fmax, -math.inf)),
+    **dict.fromkeys(("highest", "most_current", "spike"), (np.fmax, -math.inf)),
 }
 #: Totals of each joint.
 TOTALS = (
     *("lowest", "highest", "path", "seconds", "speed_squares", "windows", "held", "step_sum", "step_count"),
     *("least_step", "least_current", "most_current", "moving", "pairs", "same", "flat", "zeros"),
     *("ahead", "least_negative", "least_change", "jumps", "jump_sum", "jump_squares", "bounces"),
-    *("strays", "stray", "noise", "rows"),
+    *("strays", "stray", "noise", "rows", "spikes", "spike"),
 )
 
 
@@ -57,7 +60,7 @@ class LogStatistics:
         while moving, in windows with other currents; windows moved ``ahead``; the ``least_negative`` size below zero
         and the ``least_change`` (A) of currents, and (J, C) counts of their ``sizes`` while moving; ``jumps`` of
         positions that move on, their ``jump_sum`` and ``jump_squares``, ``bounces`` at zero, and ``strays``, leaps to a
-        number and back, with the least, ``stray``; ``products`` (2J, 2J)
+        number and back, with the least, ``stray``; ``spikes`` of currents, to the size ``spike``; ``products`` (2J, 2J)
         over windows of displacements and integrated velocity columns; ``copied``, ``compared`` (J, J) windows in which
         the mean currents of two joints are the same and not zero, and that have both.
     alone
@@ -68,6 +71,8 @@ class LogStatistics:
         that are not zero (A) while moving, and how often each occurs.
     intervals
         Median time steps (s) of files, as their readers give them.
+    marks
+        The least numbers that stand for a file's samples in motion (`sample_marks`), rising; at most `MOST_MARKS`.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -80,6 +85,7 @@ class LogStatistics:
         self.levels: list[list[Counter[float]]] = [[Counter(), Counter(), Counter()] for _ in range(n)]
         self.alone = [np.zeros((0, 2 * n + 1))] * n
         self._rest: Log | None = None
+        self.marks = np.zeros(0, dtype=np.int64)
 
     def _add(self, joint: int | slice = slice(None), /, **parts: Any) -> None:
         """Add totals of one joint (from 0), or of all."""
@@ -93,6 +99,9 @@ class LogStatistics:
             return
         self.origin = self.origin or log.origin
         self._add(lowest=np.fmin.reduce(log.position), highest=np.fmax.reduce(log.position))
+        marks = np.concatenate([self.marks, sample_marks(log)])
+        limit = self.marks[-1] if len(self.marks) == MOST_MARKS else np.inf
+        self.marks = np.unique(marks[marks <= limit])[:MOST_MARKS]
         if self._rest is not None and not log.starts_clock:
             log = Log.joined([self._rest, log])
         edges = np.concatenate([[0], np.flatnonzero(np.diff(np.floor(log.time / WINDOW))) + 1])
@@ -174,6 +183,7 @@ class LogStatistics:
         both = moving[1:] & moving[:-1]
         both[starts[1:] - 1] = False  # of two windows
         same, values = both & (current[1:] == current[:-1]), current[moving]
+        self._add(j, **spikes(values))
         self._add(j, moving=len(values), pairs=np.count_nonzero(both), same=np.count_nonzero(same))
         low = np.minimum.reduceat(np.where(moving, current, np.inf), starts)
         high = np.maximum.reduceat(np.where(moving, current, -np.inf), starts)
@@ -220,6 +230,16 @@ class LogStatistics:
         for k in range(which.max(initial=-1) + 1):
             chosen = which.reshape(-1) == k
             yield columns[chosen], rows[chosen, n + 1 :]
+
+
+def sample_marks(log: Log) -> Counts:
+    """A number for each stretch of `TOGETHER` samples in motion: the same wherever, and whenever, these stand again."""
+    place = log.position.sum(axis=1)
+    rows = np.round(np.nan_to_num(place + math.pi * log.current.sum(axis=1)) / SAME).astype(np.int64)
+    marks = np.convolve(rows, MIXER ** np.arange(TOGETHER))[TOGETHER - 1 : len(rows)]
+    marks = marks[place[TOGETHER - 1 :] != place[: 1 - TOGETHER]]
+    marks = MIXER * (marks ^ (marks >> 29))
+    return np.asarray(marks ^ (marks >> 32))
 
 
 def _counts(flags: Flags, starts: Counts) -> Counts:

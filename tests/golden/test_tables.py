@@ -7,7 +7,7 @@ import pytest
 import report_contexts
 
 from pumaid.reporting.diagnosis import diagnosis_parts
-from pumaid.reporting.documents import as_csv, parameters_frame
+from pumaid.reporting.documents import parameters_frame
 from pumaid.reporting.tables import parameter_table
 
 GOLD = Path(__file__).with_name("gold")
@@ -31,7 +31,7 @@ def test_parameter_table(units):
     table = parameter_table(paper.estimate, paper.robot, units)
     for suffix, text in (("txt", report_contexts.printed(table)), ("md", table.markdown()), ("tex", table.latex())):
         check(f"table1_{units}.{suffix}", text.encode())
-    check(f"table1_{units}.csv", as_csv(parameters_frame(paper.estimate, units)))
+    check(f"table1_{units}.csv", parameters_frame(paper.estimate, units).to_csv(index=False).encode())
 
 
 @pytest.mark.parametrize("units", ["rad", "deg"])

@@ -134,6 +134,18 @@ def test_where_no_weight_tells_the_count_all_that_fit_are_named(tmp_path: Path) 
     assert "ratios are others with what fits too: 360 degrees in 3600" in mend
 
 
+def test_hundredths_of_a_calibrated_range_are_no_angles(tmp_path: Path) -> None:
+    """Refused in whatever unit they are read; the block puts their ends at the joints' limits."""
+    time, q, current = motion()
+    shares = np.round(200 * (q - q.min(axis=0)) / np.ptp(q, axis=0) - [100, 0], 3) / [1, 2]
+    path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, shares, current)
+    for unit in ("deg", "rad"):
+        error = refused(path, robot(f"log: {{units: {{position: {unit}}}}}"))
+        log = read(path, pasted(error))
+        np.testing.assert_allclose(np.ptp(log.position, axis=0), np.radians([320, 320]), rtol=1e-6)
+        np.testing.assert_allclose(log.position.max(axis=0), np.radians([160, 160]), rtol=1e-6)
+
+
 def test_degrees_from_0_to_360_begin_anew_at_a_turn(tmp_path: Path) -> None:
     time, q, current = motion()
     speed = np.degrees(np.gradient(q, time, axis=0))
@@ -229,6 +241,18 @@ def test_what_no_column_can_mean_is_refused(column: str, words: str) -> None:
     with pytest.raises(PumaidError, match=re.escape(words)) as caught:
         robot(f"log: {{position: {{column: 'p{{joint}}', {column}}}}}\n")
     assert "log.position" in str(caught.value)
+
+
+def test_sizes_of_one_joint_whose_friction_outweighs_its_weight_are_told(tmp_path: Path) -> None:
+    """They stay clear of zero, but weight turns round with the direction; with an offset of a sensor it does not."""
+    way = np.concatenate([np.linspace(*ends, 250) for ends in 4 * ((0.0, 1.2), (1.2, 0.0))])
+    q = np.vstack([np.column_stack([way, 0.0 * way]), np.column_stack([0.0 * way, way])])
+    noise = np.random.default_rng(4).normal(scale=0.01, size=q.shape)
+    current = 0.1 * np.sin(q) + 0.3 * np.sign(np.gradient(q, axis=0)) + noise
+    time, sizes = np.arange(len(q)) * 0.01, np.column_stack([current[:, 0], np.abs(current[:, 1])])
+    error = refused(table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, q, sizes), robot())
+    assert (error.slug, error.where.joint) == ("sign-lost", 2) and "with its sign" in error.mend
+    ingest([table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, q, current + np.array([0.0, 0.6]))], robot())
 
 
 @pytest.mark.parametrize(("bottom", "is_lost"), [(0.0, True), (1.01, False), (1.02, False)])
@@ -381,43 +405,34 @@ def test_columns_by_number_that_are_another_joint_s_are_refused(tmp_path: Path) 
         ("時間(ms),位置1[deg],位置2[deg],電流1[mA],電流2[mA]", "utf-16"),
         ("時間(ms),位置1[deg],位置2[deg],電流1[mA],電流2[mA]", "shift_jis"),
         ("time_ms,angle_01_deg,angle_02_deg,cur_01_mA,cur_02_mA", "utf-8"),
+        # KUKA's trace, sensor interface and variables, ABB, FANUC; ODrive comes last.
+        ("Zeit,Istposition_A1,Istposition_A2,Iststrom_A1,Iststrom_A2,Sollposition_A1,Sollposition_A2", "utf-8"),
+        ("Time,AIPos.A1,AIPos.A2,MACur.A1,MACur.A2", "utf-8"),
+        ("t,$AXIS_ACT_A1,$AXIS_ACT_A2,$CURR_ACT_1,$CURR_ACT_2,$VEL_AXIS_ACT_1,$VEL_AXIS_ACT_2", "utf-8"),
+        ("time,J1,J2,motor_current_1,motor_current_2", "utf-8"),
+        ("Time,J1 Angle,J2 Angle,J1 Current,J2 Current", "utf-8"),
+        ("Time,Hip_Position,Knee_Position,Hip_Current,Knee_Current", "utf-8"),
+        ("TIME,HIP.POS,KNEE.POS,HIP.CURRENT,KNEE.CURRENT", "utf-8"),
+        ("시간,위치1,위치2,전류1,전류2", "utf-8"),
+        ("tempo,posizione_1,posizione_2,corrente_1,corrente_2", "utf-8"),
+        (
+            "t,[ID:001] Present Position,[ID:002] Present Position,[ID:001] Present Current,[ID:002] Present Current",
+            "ascii",
+        ),
+        ("time,axis0.pos_estimate,axis1.pos_estimate,axis0.motor.foc.Iq_measured,axis1.motor.foc.Iq_measured", "utf-8"),
     ],
 )
-def test_words_and_letters_of_other_languages(tmp_path: Path, header: str, encoding: str) -> None:
-    """Names and units are read in six languages and the letters of their countries' programs."""
+def test_columns_are_known_as_controllers_and_people_name_them(tmp_path: Path, header: str, encoding: str) -> None:
+    """In seven languages and their programs' letters; the measured ones, capitals apart, ODrive's in turns."""
     time, q, current = motion()
-    table(tmp_path / "utf8.csv", header, 1e3 * time, np.degrees(q), 1e3 * current)
-    path = tmp_path / "log.csv"
-    path.write_bytes((tmp_path / "utf8.csv").read_text().encode(encoding))
+    more, size = np.zeros((len(time), header.count(",") - 4)), 1e-3 if "mA" in header else 1.0
+    unit = 2.0 * np.pi if "pos_estimate" in header else np.pi / 180.0 if "mA" in header else 1.0
+    path = table(tmp_path / "log.csv", header, time / size, q / unit, current / size, more)
+    path.write_bytes(path.read_text().encode(encoding))
     (log,) = LogReader(path, robot())
     np.testing.assert_allclose(log.position, q)
     np.testing.assert_allclose(log.current, current)
     np.testing.assert_allclose(log.time, time, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
-        "Zeit,Istposition_A1,Istposition_A2,Iststrom_A1,Iststrom_A2,Sollposition_A1,Sollposition_A2",  # KUKA, trace
-        "Time,AIPos.A1,AIPos.A2,MACur.A1,MACur.A2",  # KUKA, sensor interface
-        "t,$AXIS_ACT_A1,$AXIS_ACT_A2,$CURR_ACT_1,$CURR_ACT_2,$VEL_AXIS_ACT_1,$VEL_AXIS_ACT_2",  # and its variables
-        "time,J1,J2,motor_current_1,motor_current_2",  # ABB
-        "Time,J1 Angle,J2 Angle,J1 Current,J2 Current",  # FANUC
-        "Time,Hip_Position,Knee_Position,Hip_Current,Knee_Current",
-        "TIME,HIP.POS,KNEE.POS,HIP.CURRENT,KNEE.CURRENT",
-        "시간,위치1,위치2,전류1,전류2",
-        "tempo,posizione_1,posizione_2,corrente_1,corrente_2",
-        "Time,[ID:001] Present Position,[ID:002] Present Position,[ID:001] Present Current,[ID:002] Present Current",
-        "time,axis0.pos_estimate,axis1.pos_estimate,axis0.motor.foc.Iq_measured,axis1.motor.foc.Iq_measured",  # ODrive
-    ],
-)
-def test_columns_are_known_as_controllers_and_people_name_them(tmp_path: Path, header: str) -> None:
-    """The measured ones, not what was wanted; capitals apart. Positions of ODrive are turns."""
-    time, q, current = motion()
-    more, unit = np.zeros((len(time), header.count(",") - 4)), 2.0 * np.pi if "pos_estimate" in header else 1.0
-    (log,) = LogReader(table(tmp_path / "log.csv", header, time, q / unit, current, more), robot())
-    np.testing.assert_allclose(log.position, q)
-    np.testing.assert_allclose(log.current, current)
 
 
 def test_thousandths_that_names_tell(tmp_path: Path) -> None:

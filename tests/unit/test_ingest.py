@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from motion_worlds import World, make, robot
 
-from pumaid.dataset import Bins, Dataset
+from pumaid.dataset import Bins, Dataset, Log
 from pumaid.errors import LogError
 from pumaid.io.log_reader import LogReader
 from pumaid.io.paths import expand
@@ -103,13 +103,17 @@ def test_recordings_are_counted_through_the_files(paths, expected) -> None:
 
 
 def test_a_copy_of_a_file_is_refused(paths, tmp_path) -> None:
-    """It says which of the two; --trust takes both, and says it all the same."""
-    original, copy = tmp_path / "day.parquet", tmp_path / "day (copy).parquet"
-    for path in (original, copy):
-        path.write_bytes(paths[0].read_bytes())
-    with pytest.raises(LogError) as refused:
-        ingest([original, copy], ARM)
-    assert refused.value.slug == "log-doubled" and f"{copy} is a copy of {original}" in refused.value.what
+    """Also in another format, at other times and with fewer rows, and whichever of the two comes first."""
+    original, copy = paths[0], tmp_path / "copy.csv"
+    log = Log.joined(list(LogReader(original, ARM)))
+    for part, late in ((slice(None), 0.0), (slice(None), 1e3), (slice(37, -400), 0.5)):
+        write_log(copy, [replace(log.part(part), time=log.time[part] + late)], ARM)
+        for pair in ((original, copy), (copy, original)):
+            with pytest.raises(LogError) as refused:
+                ingest(pair, ARM)
+            assert (
+                refused.value.slug == "log-doubled" and f"{pair[1]} has the samples of {pair[0]}" in refused.value.what
+            )
     assert [note.slug for note in ingest([original, copy], ARM, trust=True).notes].count("log-doubled") == 1
 
 

@@ -186,7 +186,8 @@ CASES = {
     "position repeated": (repeated(2, 1e-6), {}, "position-held", ""),
     "position repeated in steps": (repeated(3, 2e-4), {}, "position-held", ""),
     "few absurd currents": (with_current(lambda i, log: np.where(np.arange(len(i)) % 997 == 500, 1e5, i)),
-        {}, "units-disagree", "less than 200 A"),
+        {}, "current-spikes", "leaps to 1e+05 A"),
+    "one spike": (with_current(lambda i, log: np.where(i == i.max(), 50.0, i)), {}, "current-spikes", "leaps to 50"),
     "ten a second": (lambda log: log.part(slice(0, len(log), 20)), {}, "time-unit", "10"),
 }  # fmt: skip
 

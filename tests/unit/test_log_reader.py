@@ -186,6 +186,16 @@ def test_a_time_stamp_column_is_seconds(tmp_path: Path) -> None:
     assert log.time[0] == pytest.approx(1.7e9, abs=1e-3) and np.allclose(np.diff(log.time), 0.01, atol=1e-6)
 
 
+@pytest.mark.parametrize(("rate", "start"), [(1.5, 0.0), (1e3, 1.7e12), (1.0, 9e8)])
+def test_a_second_clock_at_another_rate_is_told(tmp_path: Path, rate: float, start: float) -> None:
+    """With what becomes of speeds if it is right; one in another unit or of another day is no other."""
+    head, *lines = text(motion()).splitlines()
+    rows = [f"{line},{start + rate * float(line.partition(',')[0])!r},noon" for line in lines]
+    (tmp_path / "a.csv").write_text("\n".join([f"{head},ros_stamp,time_of_day", *rows]))
+    told = [note.text for note in read(tmp_path / "a.csv", arm())[1].notes]
+    assert ["1.5 times too large" in text for text in told] == [True] * (rate == 1.5)
+
+
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_what_is_written_reads_back(tmp_path: Path, ending: str) -> None:
     """Units, signs and names of the recipe are undone on reading."""
@@ -347,16 +357,6 @@ def test_what_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
     assert error.where.file == str(tmp_path / "a.csv")
 
 
-def test_a_foreign_log_gets_a_block_to_paste(tmp_path: Path) -> None:
-    """Columns of a known pattern come back as the recipe's `log` block, and the block reads the file."""
-    content = "timestamp,target_q_0,actual_q_0,actual_q_1,actual_current_0,actual_current_1,actual_qd_0,actual_qd_1\n"
-    error = refusal(tmp_path / "a.csv", content + "0,9,1,2,3,4,5,6\n", arm(2, current="i_{joint}"))
-    for line in ("time: timestamp", 'position: "actual_q_{joint0}"', 'current: "actual_current_{joint0}"'):
-        assert line in error.mend
-    robot = arm(2, time="timestamp", position="actual_q_{joint0}", current="actual_current_{joint0}", velocity=None)
-    assert read(tmp_path / "a.csv", robot)[0].position.tolist() == [[1.0, 2.0]]
-
-
 @pytest.mark.parametrize(
     ("header", "mend"),
     [
@@ -446,7 +446,7 @@ def numbered(*templates: str, n_joints: int = 6, first: int = 0) -> list[str]:
 
 
 #: Header, and of the expected block time, position, velocity, current and temperature: UR's RTDE recorder, Kinova's,
-#: ROS topics flattened, with a gripper behind the arm, LabVIEW-like.
+#: ROS topics flattened, with a gripper behind the arm.
 HEADERS = {
     "rtde": (
         numbered("target_q_{}", "actual_q_{}", "target_qd_{}", "actual_qd_{}", "target_current_{}")
@@ -462,13 +462,7 @@ HEADERS = {
         numbered("/joint_states/position[{}]", "/joint_states/velocity[{}]", "/motor/current[{}]", n_joints=7),
         ["time", "/joint_states/position[{joint0}]", "/joint_states/velocity[{joint0}]", "/motor/current[{joint0}]"],
     ),
-    "units in names": (
-        numbered("Axis {} angle (deg)", "Axis {} speed (deg/s)", "Axis {} current (mA)", first=1),
-        ["time_ms", "Axis {joint} angle (deg)", "Axis {joint} speed (deg/s)", "Axis {joint} current (mA)"],
-    ),
 }
-#: Velocity follows position.
-UNITS = {"time": "ms", "position": "deg", "current": "mA"}
 
 
 @pytest.mark.parametrize("kind", HEADERS)
@@ -476,20 +470,8 @@ def test_known_headers_are_recognised(kind: str) -> None:
     """Measured columns are chosen before wanted and computed ones, and the block is YAML."""
     header, names = HEADERS[kind]
     expected = dict(zip(("time", "position", "velocity", "current", "temperature"), names, strict=False))
-    expected |= {"units": UNITS} if kind == "units in names" else {}
     log, _ = guessed([names[0], *header], arm(6))
     assert log is not None and YAML(typ="safe").load(log_block(log)) == {"log": expected}
-
-
-def test_columns_by_joint_names() -> None:
-    """Where columns carry the joints' names the block does too."""
-    names = ("waist", "shoulder")
-    header = ["t", *(f"{name}_{quantity}" for quantity in ("pos", "vel", "cur") for name in names)]
-    robot = Robot("arm", tuple(Joint(k, name, "revolute") for k, name in enumerate(names, start=1)))
-    log, _ = guessed(header, robot)
-    assert log is not None
-    form = LogFormat(**YAML(typ="safe").load(log_block(log))["log"], names=names)
-    assert [form.column("position", k) for k in (1, 2)] == ["waist_pos", "shoulder_pos"]
 
 
 @pytest.mark.parametrize("header", [["a", "b"], ["t", "q1", "q2", "x"], ["q1", "q2", "i1", "i2"]])
