@@ -328,8 +328,11 @@ def best_motion(
             criterion = replace(criterion, counted=counted | (not counted.any()))
             worth = float(criterion.value(best[1]))
         if turn == DRAWN - 1 and best is None:
-            what = f"all of {DRAWN} random {kind} trajectories strike something"
-            raise ModelError("plan-unsafe", what, mend="widen the limits, or correct the recipe's block safety")
+            raise ModelError(
+                "plan-unsafe",
+                f"all of {DRAWN} random {kind} trajectories strike something",
+                mend="widen the limits, or correct the recipe's block safety",
+            )
     assert best is not None
     return best
 
@@ -357,8 +360,11 @@ def plan_motion(
     check_minutes(minutes)
     seconds = 60.0 * minutes - 2.0 * REST
     if seconds < LEAST:
-        what = f"{minutes:g} minutes are too short: a trajectory lasts for {LEAST:g} s at least"
-        raise ModelError("plan-too-short", what, mend="give --minutes 0.5 or more")
+        raise ModelError(
+            "plan-too-short",
+            f"{minutes:g} minutes are too short: a trajectory lasts for {LEAST:g} s at least",
+            mend="give --minutes 0.5 or more",
+        )
     looked = _Forecast(robot, prior=prior, payload=payload, seed=seed)
     made, errors = dict[str, Trajectory](), dict[str, dict[str, float]]()
     for name in KINDS:

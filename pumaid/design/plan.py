@@ -447,8 +447,11 @@ def with_forecast(
 def check_minutes(minutes: float | None) -> None:
     """Refuse a time that no plan may have."""
     if minutes is not None and not 0.0 < minutes <= _LONGEST:
-        what, mend = f"{minutes:g} minutes are out of range", f"give a number above 0, and {_LONGEST:g} at most"
-        raise ModelError("plan-impossible", what, mend=mend)
+        raise ModelError(
+            "plan-impossible",
+            f"{minutes:g} minutes are out of range",
+            mend=f"give a number above 0, and {_LONGEST:g} at most",
+        )
 
 
 def needs(prior: Prior, promised: Mapping[str, float], hidden: Mapping[str, str]) -> Iterator[Note]:

@@ -478,9 +478,8 @@ def _clocks_apart(source: LogSource, header: Sequence[str], log: LogFormat) -> I
         if abs(rate - 1.0) > _DRIFT:
             yield Note(
                 "time-unit",
-                f"{other} runs {rate:.4g} times as fast as {log.time}, by which speeds are taken: if it is right they"
-                f" are {rate:.3g} times too large, viscous friction {1.0 / rate:.3g} and inertia {rate**-2:.3g} times"
-                f" as large as it should be; 'time: {other}' in the recipe's log block takes it",
+                f"{other} runs {rate:.4g} times as fast as {log.time}: if it is right, speeds are {rate:.3g} times too"
+                f" large and viscous friction is as much too small; 'time: {other}' in the recipe's log block takes it",
                 Where(file=source.name, column=other),
             )
 
@@ -574,8 +573,10 @@ def _faults(
         faults.append(LogError("column-missing", what, where, "rename or remove all but one"))
     return faults + [
         LogError("column-missing", f"{name} has no column {column}", where, meant(column, header))
-        for column in wanted["extra"]
         if column not in header
+        else LogError("column-missing", f"{column} is a current, which it would explain alone", where, "name another")
+        for column in wanted["extra"]
+        if column not in header or column in currents
     ]
 
 

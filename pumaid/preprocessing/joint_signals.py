@@ -115,7 +115,7 @@ class JointSignals:
             return looks and f"is negative only beyond {self.least_negative:.4g} A, and looks like {looks}", looks
         what, encoding = lost_sign(self.sizes, self.least_change)
         apart = self.misfit() - self.misfit(are_sizes=True) if not what and self.has_moved else 0.0
-        if apart > HALF and 0.5 / ALIKE_WINDOWS * len(self.sums.alone[self.k]) * apart > SURELY:
+        if apart > 0.5 * HALF and 0.5 / ALIKE_WINDOWS * len(self.sums.alone[self.k]) * apart > SURELY:
             what = "sizes without sign (weight turns round with the direction, friction does not)"
         return what and f"is never negative although it moves both ways, and looks like {what}", encoding
 

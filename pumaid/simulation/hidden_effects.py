@@ -22,6 +22,8 @@ from pumaid.robot import Robot, read_choice
 AMBIENT, WARMING_TIME, RISE = 25.0, 600.0, 30.0
 #: SI; no value of a law is larger on any arm, and farther on currents overflow.
 GREATEST = 1e9
+#: Values that no law has at zero or below.
+ABOVE_ZERO = ("velocity", "exponent", "travel", "time_constant", "frequency", "harmonic", "length", "limit", "mass")
 #: s; no current is logged later.
 LATEST = 1.0
 
@@ -301,5 +303,9 @@ def parse(text: str, robot: Robot) -> Hidden:
             mends[f"{name} has no value {key!r}"] = meant(key, keys)
         elif not abs(value) <= GREATEST:
             mends[f"{key} is {value}, not a finite number up to {GREATEST:g}"] = f"give a smaller number for {key}"
+        elif key in ABOVE_ZERO and value <= 0.0:
+            mends[f"{key} is {value:g}, not above 0"] = f"give a larger number for {key}"
+        elif key == "on" and (value == choice.joint or value not in range(1, robot.n_joints + 1)):
+            mends[f"on is {value:g}, no other joint"] = f"joints count from 1 to {robot.n_joints}"
     refuse([ModelError("hide-wrong", what, place, mend) for what, mend in mends.items()])
     return Hidden(name, choice.joint, dict(choice.shape))

@@ -76,8 +76,11 @@ def simulate(
         )
     held = [motion.hold for motion in plan.motions] if plan.trajectory is None else plan.trajectory.position
     if wrong := {len(posture) for posture in held} - {robot.n_joints}:
-        what = f"the plan is for {min(wrong)} joints; {robot.name} has {robot.n_joints}"
-        raise ModelError("plan-misfit", what, mend="take a plan made for this robot: pumaid plan")
+        raise ModelError(
+            "plan-misfit",
+            f"the plan is for {min(wrong)} joints; {robot.name} has {robot.n_joints}",
+            mend="take a plan made for this robot: pumaid plan",
+        )
     truth = draw(robot, seed) if truth is None else truth
     return _Session(truth, plan, rate, seed=seed, has_temperature=has_temperature).logs(
         runs_per_file, has_velocity=has_velocity

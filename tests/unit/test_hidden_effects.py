@@ -281,6 +281,8 @@ def test_usual_size_shows(effect):
         ("stribeck:velocty=1", "did you mean velocity?"),
         ("stribeck:a=big", "write a=NUMBER"),
         ("tilt@2", "--hide tilt"),
+        ("stribeck@2:velocity=0", "a larger number for velocity"),
+        ("coupling@2:on=2", "from 1 to 6"),
         ("", "known here: stribeck"),
     ],
 )

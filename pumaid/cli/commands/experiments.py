@@ -279,7 +279,7 @@ def _plan(experiment: Experiment, *, options: dict[str, Any], tell: Callable[[st
 )
 @options.effects_option
 @click.option("--rate", type=float, default=250.0, metavar="HZ", help="Samples a second.")
-@click.option("--noise", type=click.FloatRange(min=0), metavar="A", help="Noise of every current; 0 for none.")
+@click.option("--noise", type=click.FloatRange(0, 1e6), metavar="A", help="Noise of every current; 0 for none.")
 @click.option(
     "--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", help="Form of the log files."
 )
