@@ -40,9 +40,12 @@ def _template(template: str, info: ValidationInfo) -> str:
 
 def _a_joint(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
     """One number, or one a joint; a scale is not zero."""
-    if len(values) not in (1, len(arm_of(info).names)) or (info.field_name == "scale" and 0.0 in values):
-        what = f"{len(values)} values of {info.field_name} for {len(arm_of(info).names)} joints"
-        raise refusal(what, "write one number, or a list with one a joint; a scale is not zero")
+    is_zero, n_joints = info.field_name == "scale" and 0.0 in values, len(arm_of(info).names)
+    if is_zero or len(values) not in (1, n_joints):
+        raise refusal(
+            "a scale is zero" if is_zero else f"{len(values)} values of {info.field_name} for {n_joints} joints",
+            "write one number, or a list with one a joint; a scale is not zero",
+        )
     return values
 
 

@@ -231,7 +231,7 @@ def test_scale_and_zero_of_each_joint(tmp_path: Path) -> None:
     ("column", "words"),
     [
         ("scale: [1, 2, 3]", "3 values of scale for 2 joints"),
-        ("scale: 0", "a scale is not zero"),
+        ("scale: 0", "a scale is zero"),
         ("encoding: magnitude", "sizes without sign"),
         ("zeros: 3", "did you mean zero"),
     ],

@@ -173,9 +173,9 @@ def export(
     to_pipe, forms = output is not None and str(output) == "-", exports.every_form()
     if form not in (forms if into is None else ("",)):
         what = (
-            f"{form!r} is not one of {', '.join(sorted(forms))}, or stands beside --into FILE, whose form is its own."
+            f"{form!r} is not one of {', '.join(sorted(forms))}." if form else f"Which of {', '.join(sorted(forms))}?"
         )
-        raise click.BadParameter(what, param_hint="--format")
+        raise click.BadParameter("It is the form of --into's FILE." if into else what, param_hint="--format")
     if constants is not None and form and not forms[form].has_bodies:
         raise click.UsageError(f"--torque-constants is for forms with masses, such as urdf; {form} is in ampere.")
     if to_pipe and (form == "c" or as_json):
