@@ -66,11 +66,6 @@ def write_result(path: Path, data: str | bytes, what: str = "") -> None:
         remark(f"{what} written to {path}")
 
 
-def write_picture(path: Path, drawing: Any) -> None:
-    """Write a drawing in the form of the file's name, and say so."""
-    write_result(path, drawing.file(path.suffix.lstrip(".").lower()), "picture")
-
-
 def document(content: Mapping[str, Any], kind: str = "", **about: Any) -> None:
     """The one JSON document of ``--json``; arrays become lists, numbers that JSON lacks become null.
 

@@ -303,6 +303,8 @@ def faults_between(form: RecipeForm, names: tuple[str, ...]) -> Iterator[Fault]:
     if is_standard and any(joint.placement for joint in form.joints):
         yield ("convention",), "a joint with a placement is in no standard table", "place all joints in one way"
     log, taken = form.log, {*form.log.time}
+    if len(taken) < len(log.time):
+        yield ("log", "time"), f"time takes column {log.time[0]} twice", "write one column, or [seconds, fraction]"
     for key in QUANTITIES:
         template = getattr(getattr(log, key), "column", "")
         columns = {template.format(joint=k + 1, joint0=k, name=name) for k, name in enumerate(names) if template}

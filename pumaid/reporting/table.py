@@ -222,9 +222,11 @@ def renamed(part: Any, unit: str) -> Any:
         return [renamed(item, unit) for item in part]
     if isinstance(part, dict):
         return {key: renamed(item, unit) for key, item in part.items()}
-    if isinstance(part, Table | Paragraph | Cell):
-        return replace(part, **{field.name: renamed(getattr(part, field.name), unit) for field in fields(part)})
-    return part
+    return (
+        replace(part, **{field.name: renamed(getattr(part, field.name), unit) for field in fields(part)})
+        if isinstance(part, Table | Paragraph | Cell)
+        else part
+    )
 
 
 def _tex(text: str) -> str:

@@ -84,6 +84,7 @@ def test_units_and_columns_of_logs(recipe) -> None:
     text = GOOD.replace('"p{joint0}"', '"p_{name}"\n  velocity: "v{joint0}"\n  current: "i{joint:02d}"')
     log = recipe(text).log
     assert [log.column(quantity, 2) for quantity in ("position", "velocity", "current")] == ["p_boom", "v1", "i02"]
+    assert "t twice" in faults_of(recipe, GOOD.replace("log:\n", "log:\n  time: [t, t]\n"))[0].what
 
 
 def test_effects_are_kept_with_their_joint_as_a_number(recipe) -> None:

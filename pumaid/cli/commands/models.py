@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from pumaid.cli import options
-from pumaid.cli.output import document, effect_files, notes, remark, show, spare_inputs, write_picture, write_result
+from pumaid.cli.output import document, effect_files, notes, remark, show, spare_inputs, write_result
 
 if TYPE_CHECKING:
     from pumaid.diagnosis.records import Diagnosis
@@ -51,7 +51,7 @@ def segment(
     if picture is not None:
         from pumaid.reporting.figures.experiment import run_figure
 
-        write_picture(picture, run_figure(dataset, robot, units))
+        write_result(picture, run_figure(dataset, robot, units).file(picture.suffix[1:].lower()), "picture")
     if as_json:
         document(
             documents.segments_document(dataset, robot),
@@ -240,7 +240,7 @@ def diagnose(
 
         drawing = diagnosis_figure(diagnosis, robot, units)
         if drawing is not None:
-            write_picture(picture, drawing)
+            write_result(picture, drawing.file(picture.suffix[1:].lower()), "picture")
         else:
             remark(f"nothing was found that could be drawn: {picture} is not written")
     if plan is not None:
