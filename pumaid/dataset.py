@@ -39,6 +39,7 @@ class Log:
     temperature: Floats | None = None  # (N, J) degC
     starts_clock: bool = False  # whether the clock starts anew here: samples before belong to another recording
     extra: Floats | None = None  # (N, E) columns that the user asked for besides, in the log's own units
+    repeats: Counts | None = None  # (N,) rows left out before each sample, which repeat the sample before them
 
     def __len__(self) -> int:
         return len(self.time)

@@ -56,6 +56,8 @@ _GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.05
 _JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
 #: Share by which another clock may go faster or slower than the one that is read.
 _DRIFT = 0.02
+#: Least steps of its position that a joint must move before and after a row for this not to stand by chance.
+_SURELY_MOVES = 3.0
 #: The entry of the rows that have a fault in any column.
 _ANY = ""
 
@@ -87,6 +89,13 @@ _KINDS = {
         "these rows are left out",
         0.5,
         "write the time with more digits",
+    ),
+    "stale": (
+        "bad-samples",
+        "all values of the row before while a joint moves, as where more is logged than is measured",
+        "these rows are left out",
+        1.0,
+        "",
     ),
     "velocity": ("column-absent", "no velocity", "speeds are taken from position there", 1.0, ""),
     "current": ("column-absent", "no current", "these samples show nothing of their joints", 1.0, ""),
@@ -287,6 +296,9 @@ class Cleaner:
         rows, table = self._without_ties(*self._without_bad(rows, table))
         if not len(rows):
             return None
+        is_stale = self._mark("stale", rows, {self.columns.names[0]: self._stale(table)})
+        repeats = np.diff(np.flatnonzero(~is_stale), prepend=-1) - 1
+        rows, table = rows[~is_stale], table[:, ~is_stale]
         before, self._last = self._last, table[:, -1].copy()
         steps = np.diff(table[0], prepend=table[0, 0] if before is None else before[0])
         self._steps = np.concatenate([self._steps, steps[before is None :][: _PROBE - len(self._steps)]])
@@ -296,7 +308,7 @@ class Cleaner:
         self._unwrap(rows, table, before)
         self.first_time = float(table[0, 0]) if math.isnan(self.first_time) else self.first_time
         self.last_time = float(table[0, -1])
-        quantities: dict[str, Any] = {"velocity": None, "starts_clock": self._begins}
+        quantities: dict[str, Any] = {"velocity": None, "repeats": repeats, "starts_clock": self._begins}
         self._begins = False
         for quantity, places in self.columns.places.items():
             if len(places) or quantity == "current":
@@ -397,6 +409,23 @@ class Cleaner:
         self._mark("repeated", rows, {name: (steps == 0.0) & is_same})
         self._mark("tied", rows, {name: (steps == 0.0) & ~is_same})
         return rows[steps > 0.0], table[:, steps > 0.0]
+
+    def _stale(self, table: Floats) -> Flags:
+        """(N,) rows that repeat the row before while a joint moves on: nothing was measured anew."""
+        position, out = table[self.columns.places["position"][:, 1]], np.zeros(table.shape[1], bool)
+        out[1:] = (position[:, 1:] == position[:, :-1]).all(axis=0)
+        if not out.any():
+            return out
+        measured = np.nan_to_num(table[1 : len(table) - len(self.columns.places["extra"])])
+        out[1:] &= (measured[:, 1:] == measured[:, :-1]).all(axis=0)
+        new = np.flatnonzero(~out)
+        steps = np.abs(np.diff(position[:, new], prepend=position[:, :1], append=position[:, -1:]))
+        least = _SURELY_MOVES * steps.min(axis=1, where=steps > 0.0, initial=np.inf, keepdims=True)
+        repeats = np.diff(new, append=len(out)) - 1
+        moves = (np.minimum(steps[:, 1:], steps[:, :-1]) > least).any(axis=0) & (repeats > 0)
+        # As many as that stand where it turns round, too; at rest what is read may stay the same for long.
+        usual = 2.0 * np.median(repeats[moves]) if moves.any() else 0.0
+        return out & np.repeat(moves | (repeats <= usual), repeats + 1)
 
     def _unwrap(self, rows: Counts, table: Floats, before: Floats | None) -> None:
         """Take whole turns out of jumps that no motion explains, in place."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pumaid.maths import Floats
+from pumaid.maths import Counts, Floats
 from pumaid.preprocessing.differentiate import savitzky_golay
 
 #: Unevenness of stamps, RMS as a share of their interval, below which nothing needs to be done.
@@ -21,7 +21,7 @@ GROUP, FEWEST = 32, 6
 SHOWN, UNCERTAIN = 0.5, 0.15
 
 
-def sampling_times(time: Floats, position: Floats) -> tuple[Floats, float]:
+def sampling_times(time: Floats, position: Floats, repeats: Counts | None = None) -> tuple[Floats, float]:
     """When samples were taken.
 
     Stamps may be rounded, or written when a message arrives, while the samples are taken evenly: then the positions of
@@ -29,11 +29,12 @@ def sampling_times(time: Floats, position: Floats) -> tuple[Floats, float]:
     what the stamps show, times the speed. The slope of a straight line through both decides.
 
     Of (N,) rising times (s) without gaps and (N, J) positions (rad or m), returns (N,) rising times, and the RMS (s) by
-    which the stamps differ from them: zero where they are right or nothing shows.
+    which the stamps differ from them: zero where they are right or nothing shows. (N,) `repeats` were logged before
+    each sample, so that none was lost there.
     """
     if len(time) < GROUP * FEWEST:
         return time, 0.0
-    numbers, interval = _sample_numbers(time)
+    numbers, interval = _sample_numbers(time, np.zeros(len(time)) if repeats is None else repeats)
     ahead = time - time[0] - numbers * interval
     uneven = ahead - _moving_average(_moving_average(ahead))
     error = math.sqrt(float(np.mean(uneven**2)))
@@ -45,7 +46,7 @@ def sampling_times(time: Floats, position: Floats) -> tuple[Floats, float]:
     return (even, error) if is_plausible and (np.diff(even) > 0).all() else (time, 0.0)
 
 
-def _sample_numbers(time: Floats) -> tuple[Floats, float]:
+def _sample_numbers(time: Floats, repeats: Counts | Floats) -> tuple[Floats, float]:
     """(N,) numbers of the samples, lost ones counted, and the interval (s) of all.
 
     A late stamp is followed by short steps; behind a lost sample all later stamps are ahead.
@@ -53,7 +54,7 @@ def _sample_numbers(time: Floats) -> tuple[Floats, float]:
     steps, beside = np.diff(time), np.arange(BESIDE)
     interval = float(np.median(time[2 * BESIDE :] - time[: -2 * BESIDE])) / (2 * BESIDE)
     ahead = time - time[0] - np.arange(len(time)) * interval
-    long, lost = np.flatnonzero(steps > LONG * interval), np.zeros(len(steps))
+    long, lost = np.flatnonzero((steps > LONG * interval) & (repeats[1:] == 0)), np.zeros(len(steps))
     before = np.median(ahead[np.maximum(0, long[:, None] - beside)], axis=1)
     behind = np.median(ahead[np.minimum(len(time) - 1, long[:, None] + 1 + beside)], axis=1)
     lost[long] = np.maximum(0.0, np.round(np.minimum(behind - before, steps[long] - interval) / interval))

@@ -189,7 +189,7 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
     for part in filter(len, (part for parts in apart for part in parts)):
         samples = log.part(part)
         if len(part) >= FEWEST and good[part[0]]:
-            sampled, error = sampling_times(samples.time, samples.position)
+            sampled, error = sampling_times(samples.time, samples.position, samples.repeats)
             ticks = Ticks(sampled, samples.position)
             velocity, moving = _moving(ticks, options)
             fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)

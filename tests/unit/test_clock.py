@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from pumaid.dataset import Log
+from pumaid.io.log_reader import LogReader
 from pumaid.preprocessing.clock import GROUP, sampling_times
+from pumaid.robot import Joint, Robot
 
 
 def arm(rate, *, seed=0, jitter=0.0, seconds=60.0, encoder=1e-5, speed=1.2):
@@ -77,3 +80,19 @@ def test_stamps_are_believed_where_nothing_moves_or_little_is_seen():
     assert sampling_times(stamps[few], position[few])[1] == 0.0
     even = np.arange(20_000) / 125.0
     assert sampling_times(even, np.sin(even)[:, None])[0] is even
+
+
+@pytest.mark.parametrize(("rate", "polled"), [(125.0, 500.0), (125.0, 130.0), (29.4, 30.0), (50.0, 500.0)])
+def test_a_log_written_more_often_than_it_is_measured_is_read_as_measured(tmp_path, rate, polled):
+    """Rows that repeat the row before in motion are left out, and the others are as even as they were measured."""
+    measured, position = arm(rate)
+    stamps = np.arange(measured[0], measured[-1], 1.0 / polled)
+    latest = np.searchsorted(measured, stamps, side="right") - 1
+    table = np.column_stack([stamps, position[latest], np.sin(7.0 * latest), np.cos(5.0 * latest)])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,q1,q2,i1,i2", comments="")
+    reader = LogReader(str(tmp_path / "log.csv"), Robot("arm", tuple(Joint(k, f"j{k}", "revolute") for k in (1, 2))))
+    log = Log.joined(list(reader))
+    out, _ = sampling_times(log.time, log.position, log.repeats)
+    assert [note.slug for note in reader.notes][:1] == ["bad-samples"]
+    assert len(log) == pytest.approx(len(measured), rel=0.02)
+    assert off(out, measured[latest[log.rows - 2]]) < 0.04 / rate
