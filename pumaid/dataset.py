@@ -104,6 +104,7 @@ class Run:
     clock: int = 0  # number of the recording: runs with the same number share one clock
     heldout: bool = False  # whether the plan keeps this run for judging only
     stamp_error: float = 0.0  # RMS by which time stamps are not when samples were taken, s; zero where that is unknown
+    band: float = 0.0  # Hz beyond which a filter left nothing of the currents of a block; 0 where cells average as much
     lead: float = 0.0  # rad or m that the joint had travelled since it last stood or turned back; 0 if unknown
     payload: Payload | None = None  # the known load that the last link carried
 

@@ -31,9 +31,9 @@ class FoldLosses:
 
     @property
     def predicts(self) -> bool:
-        """Whether the error falls, steadily: by more than `STEADY` of its own standard errors."""
+        """Whether the error falls, steadily: by more than `STEADY` of its own standard errors; and so does the RMSE."""
         error = float(self.falls.std(ddof=1)) / np.sqrt(len(self.falls)) if len(self.falls) > 1 else 0.0
-        return bool(error > 0.0 and self.falls.mean() > STEADY * error)
+        return bool(error > 0.0 and self.falls.mean() > STEADY * error and self.after < self.before)
 
 
 def without_strongest(losses: FoldLosses, folds: Sequence[tuple[int, tuple[int, ...]]]) -> FoldLosses:

@@ -10,7 +10,17 @@ import numpy as np
 from pumaid.dataset import BLOCK, CONSTANT, STROKE, Bins, Log, Reject, Run, arrays_of, finer, finite_means, spans
 from pumaid.maths import Counts, Floats, pseudo_inverse
 from pumaid.preprocessing.differentiate import Ticks, slopes, velocity
-from pumaid.preprocessing.parallel_filter import about_line, cell_length, cells, position_noise, stroke_bins
+from pumaid.preprocessing.parallel_filter import (
+    LONGEST_FILTERED,
+    LONGEST_SHARE,
+    SMEARED,
+    about_line,
+    bandwidth,
+    cell_length,
+    cells,
+    position_noise,
+    stroke_bins,
+)
 from pumaid.rigid_body import RigidBody
 from pumaid.robot import Robot
 from pumaid.units import number
@@ -262,10 +272,13 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
     """
     current = np.where(np.nan_to_num(log.current).any(axis=0), log.current, np.nan)
     noise = np.array([position_noise(column) for column in log.position.T])
-    table = cells(time, log.position, current, body=body, length=length or cell_length(time, log.position, noise))
+    duration = float(time[-1] - time[0])
+    band = bandwidth(current, duration / max(len(time) - 1, 1))
+    shortest = cell_length(time, log.position, noise)
+    wanted = min(SMEARED / band, LONGEST_FILTERED, LONGEST_SHARE * duration)
+    table = cells(time, log.position, current, body=body, length=length or max(shortest, wanted))
     if table is None:
         return []
-    duration = float(time[-1] - time[0])
     count = max(int(duration / min(max(duration / BLOCKS, SHORTEST_BLOCK), LONGEST_BLOCK)), 1)
     edges = np.linspace(time[0], time[-1], count + 1)
     sample = np.clip(np.searchsorted(time, edges), 0, len(time) - 1).tolist()
@@ -297,6 +310,7 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
                         bins,
                         joint,
                         position=bins.position,
+                        band=band * (wanted > shortest),
                         kind=BLOCK,
                         span=(float(moving.min()), float(moving.max())),
                         speed=speed,

@@ -43,6 +43,10 @@ STICKING = 0.05
 #: Noise of speeds from one sample to the next that is left, as a share of the RMS speed, where it is beyond half of
 #: `STICKING`: samples are averaged so far that no more is, but at least so many means are in a cell.
 SPEED_NOISE, FEWEST_MEANS = 0.05, 3
+#: Share of the power of a current's rate that is left beyond a filter's end; how long a cell is that holds most of what
+#: the filter made of a jump, in periods of that end; s, and share of a motion, at most, so that cells are left between
+#: two turns.
+NEXT_TO_NONE, SMEARED, LONGEST_FILTERED, LONGEST_SHARE = 1e-4, 0.75, 0.15, 0.05
 #: Share of the steps' mean by which sampling may be uneven; beyond it positions are interpolated.
 UNEVEN = 1e-3
 
@@ -242,6 +246,17 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
     variance, measured = about_line(samples).T, np.stack([v @ shares for v in within], axis=-1)
     time = even[0] + middle[:, 0]
     return Cells(width * step, time, position, velocity, curve, drawn.T, columns, variance, measured, width * averaged)
+
+
+def bandwidth(current: Floats, step: float) -> float:
+    """Hz beyond which the rates of none of (N, J) currents, one every `step` s, hold anything, a sensor's noise or the
+    jumps of friction either: a filter's end; about half of the sampling rate where there is none.
+    """
+    rate = np.diff(np.nan_to_num(current), axis=0)
+    power = np.abs(np.fft.rfft(np.hanning(len(rate))[:, None] * rate, axis=0)) ** 2
+    beyond = np.cumsum(power[::-1], axis=0)[::-1]
+    last = np.count_nonzero(beyond > NEXT_TO_NONE * beyond[0], axis=0)
+    return float(last[beyond[0] > 0.0].min(initial=len(power))) / (len(current) * step)
 
 
 def about_line(values: Floats) -> Floats:

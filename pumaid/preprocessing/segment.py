@@ -100,6 +100,13 @@ def segment(
             " instant of sampling in microseconds"
         )
         notes = (*notes, Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row)))
+    filtered = [run for run in runs if run.band > 0.0]
+    if filtered:
+        text = (
+            f"currents hold next to nothing beyond {min(run.band for run in filtered):.2g} Hz, as filtered ones do: cells"
+            " are longer for it, and friction near where a joint turns round is blurred all the same. Log them unfiltered"
+        )
+        notes = (*notes, Note("current-filtered", text, Where(file=filtered[0].origin)))
     return Dataset(tuple(runs), tuple(rejects), files, notes, extra)
 
 

@@ -303,7 +303,8 @@ def finding_table(diagnosis: Diagnosis, robot: Robot) -> Table:
         rows.append([str(count), where, names, Cell(words, tone=tone), rmse or "-"])
     forecast = all(item.forecast is not None for item in diagnosis.findings)
     runs = "runs that were not fitted" if forecast else "runs left out of the fit"
-    caption = f"RMSE: of {runs}, without → with the effect, those of the rows above being in the model."
+    beside = "those of the rows above being in the model" if forecast else "beside what had been found before it"
+    caption = f"RMSE: of {runs}, without → with the effect, {beside}."
     return Table(
         "What is missing",
         ("", "joint", "effect", "verdict", "RMSE (A)"),

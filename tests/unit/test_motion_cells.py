@@ -101,8 +101,9 @@ def test_ripples_are_promised_up_to_half_of_their_power(finest):
     """At the frequency up to which the limit of ripples holds, half of a wave's power is left in cells, or parts."""
     robot = read_recipe(shipped_recipes()["pendulum2"])
     t, (q, *_) = fourier(np.random.default_rng(5), 2, SECONDS, RATE)
-    log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T))
-    bins, noise = joint_bins(robot, segment([log], robot).runs, finest=finest)[0], np.random.default_rng(1)
+    noise = np.random.default_rng(1)
+    log = Log("a.csv", np.arange(len(t)) + 2, t, q.T, None, np.cos(q.T) + noise.normal(0.0, 0.01, q.T.shape))
+    bins = joint_bins(robot, segment([log], robot).runs, finest=finest)[0]
     rest = noise.normal(size=len(bins))
     waves = spectrum(("ripple", 1), bins, noise_of(bins, rest), white=rest)
     fastest = float(waves.frequency[waves.visible][-1])
