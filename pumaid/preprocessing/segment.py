@@ -18,6 +18,7 @@ from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.binning import DEFAULTS, LARGEST, Piece, SegmentOptions, Stretch, record, sliding
 from pumaid.preprocessing.clock import sampling_times
 from pumaid.preprocessing.differentiate import Ticks, round_half_up, slopes, usual_step
+from pumaid.preprocessing.parallel_filter import LONGEST_FILTERED, SMEARED
 from pumaid.rigid_body import base_parameters
 from pumaid.robot import Robot
 
@@ -100,12 +101,14 @@ def segment(
             " instant of sampling in microseconds"
         )
         notes = (*notes, Note("clock-evened", text, Where(file=moved[0].origin, row=moved[0].first_row)))
-    filtered = [run for run in runs if run.band > 0.0]
-    if filtered:
+    if filtered := [run for run in runs if run.band > 0.0]:
+        band = min(run.band for run in filtered)
         text = (
-            f"currents hold next to nothing beyond {min(run.band for run in filtered):.2g} Hz, as filtered ones do: cells"
-            " are longer for it, and friction near where a joint turns round is blurred all the same. Log them unfiltered"
+            f"currents hold next to nothing beyond {band:.2g} Hz, as filtered ones do: cells are longer for it, and"
+            " friction near where a joint turns round is blurred all the same. Log them unfiltered"
         )
+        if SMEARED / band > LONGEST_FILTERED:
+            text += ": so little is left that intervals may not hold the truth, nor names of what is missing"
         notes = (*notes, Note("current-filtered", text, Where(file=filtered[0].origin)))
     return Dataset(tuple(runs), tuple(rejects), files, notes, extra)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from free_motion import RATE as SAMPLED
 from free_motion import TICKS, fourier, picks
+from scipy import signal
 from test_rigid_body import engine, torques
 from worlds import TURN, arm
 
@@ -167,6 +168,19 @@ def test_inertia_loads_a_joint_that_turns_about_the_vertical(share):
     assert [(finding.effect, finding.joint) for finding in findings] == [("load_friction", 1)] * bool(share)
     for size in (size for finding in findings for size in finding.sizes):
         assert size.name == "drive + back" and abs(size.value - 2.0 * share) < 3.0 * size.std_error
+
+
+@pytest.mark.parametrize(("seed", "cut"), [(70, 8.0), (71, 8.0), (71, 4.0)])
+def test_what_a_filter_made_of_friction_passes_for_no_effect(seed, cut):
+    """Currents without anything beyond some Hz: friction that builds up slowly where a joint turns round is no law."""
+    robot, log = rippled(seed, 0.0, 0.0)
+    drawn = signal.filtfilt(*signal.butter(4, cut / (0.5 * RATE)), log.current, axis=0)
+    dataset = segment([replace(log, current=drawn)], robot)
+    estimate = identify(dataset, robot)
+    assert [note.slug for note in dataset.notes] == ["current-filtered"]
+    assert not diagnose(estimate, dataset, robot).findings
+    friction = [(value.value, value.std_error) for value in estimate.values if value.name.startswith("coulomb")]
+    assert all(abs(abs(size) - 0.5) < 3.0 * error for size, error in friction)
 
 
 def test_cells_and_their_parts_have_one_mean_square():
