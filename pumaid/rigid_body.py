@@ -54,7 +54,6 @@ class RigidBody:
         return self._rows(motion, [joint - 1])[0]
 
     def _rows(self, motion: tuple[Floats, Floats, Floats], joints: Sequence[int]) -> list[Floats]:
-        """The regressors of some joints (from 0, base to tip)."""
         parts: dict[int, list[Floats]] = {joint: [] for joint in joints}
         for link, state in enumerate(_links(self.robot, motion, joints)):
             moving = [joint for joint in joints if joint <= link]

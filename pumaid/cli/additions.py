@@ -172,7 +172,6 @@ def _errors(estimate: Estimate, joint: int | None) -> dict[str, float]:
 
 
 def _is_same(finding: Finding, other: Finding) -> bool:
-    """Whether two findings are one: of what may stand at a joint several times, with shapes alike."""
     is_one = (finding.effect, finding.joint) == (other.effect, other.joint)
     shapes = catalogue()[other.effect].chosen(other.shape)
     return is_one and all(math.isclose(finding.shape[name], size, rel_tol=0.01) for name, size in shapes.items())

@@ -131,7 +131,6 @@ def stance(robot: Robot) -> tuple[tuple[float, ...], tuple[tuple[float, float], 
 
 
 def _grid(joint: Joint, middle: float) -> Floats:
-    """Positions at which a joint is held, rad or m, about `middle`."""
     low, high = span(joint, middle)
     if not joint.is_revolute:
         return np.round(np.linspace(low, high, 5), 4)
@@ -175,7 +174,6 @@ def sweeps(robot: Robot, joint: int, at: Sequence[float]) -> tuple[Sweep, ...]:
 
 
 def _sweeps(robot: Robot, joint: int, speed: float, ends: tuple[float, float]) -> Iterator[Sweep]:
-    """Sweeps within a range whose runs last neither too long nor too short."""
     arm, longest, before = robot.joint(joint), PARTS[-1], 0.0
     middle, step = float(home(robot)[joint - 1]), _unit(arm)
 
@@ -202,7 +200,6 @@ def _sweeps(robot: Robot, joint: int, speed: float, ends: tuple[float, float]) -
 
 
 def _passed(*stops: float) -> tuple[float, ...]:
-    """Stops without those where the joint stands already."""
     return tuple(stop for k, stop in enumerate(stops) if k == 0 or abs(stop - stops[k - 1]) > 1e-9)
 
 

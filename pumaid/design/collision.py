@@ -210,7 +210,6 @@ class Collision:
 
 
 def _shapes(robot: Robot, safety: Safety) -> Iterator[tuple[Geometry, dict[str, Any]]]:
-    """Every shape of a recipe, with its attributes in MuJoCo; the tip is the first."""
     kinds, last = engine().mjtGeom, robot.n_joints
     tip = safety.tool or (0.0, 0.0, 0.0)
     yield Geometry(_TIP, last, float(np.linalg.norm(tip)) + _POINT), {"pos": tip, "size": [_POINT, 0, 0]}

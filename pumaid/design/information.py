@@ -473,7 +473,6 @@ class Exchange:
         return counts
 
     def _best_addition(self, counts: Counts) -> int | None:
-        """The candidate that lowers the value most for its cost, of those that fit; or None."""
         is_open = np.isin(self.candidates.posture, self.candidates.posture[counts > 0])
         costs = self.candidates.seconds + np.where(is_open, 0.0, self.opening)
         fits = (costs <= self.budget - self.cost(counts)) & (counts < _OFTEN)

@@ -243,7 +243,6 @@ class Picks(Shapes):
         self.seconds, self.count = seconds, int(np.clip(FILLED * seconds / (LEAST_REPEATS * usual), 2, MOST_PICKS))
 
     def _lasting(self, values: Floats) -> Floats:
-        """s of each move between (M, J) places."""
         # Of a move of least jerk the speed is 15/8, and the acceleration 10/sqrt(3), over way and time.
         way = np.abs(np.diff(values, axis=0)) * np.diff(self.low_high, axis=0)
         slow, gentle = 15.0 / 8.0 * way / self.speeds, np.sqrt(10.0 / np.sqrt(3.0) * way / self.accelerations)

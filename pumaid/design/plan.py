@@ -198,7 +198,6 @@ class Planner:
         )
 
     def _free(self, joint: int, rng: np.random.Generator) -> list[list[Block]]:
-        """Candidates of a joint in each of many postures in which it can run."""
         robot, count = self.robot, _DRAWN if self.collision.is_free else _MORE * _DRAWN
         holds = postures(robot, joint, count=count, rng=rng)
         ways = sweeps(robot, joint, speeds(robot, joint, SHARES))
@@ -417,7 +416,6 @@ def check_plan(
 
 
 def _with_forecast(bare: Plan, prior: Prior, notes: Iterable[Note]) -> Plan:
-    """A plan of runs with its forecast."""
     arm = prior.robots[0].robot
     names = shown_names(arm)
     promised = predicted_errors(prior.robots, bare.motions, names)

@@ -42,7 +42,6 @@ def grid_of(solved: Fit, effect: Effect, joint: int | None, *, covered: Extent |
 
 
 def _covered(solved: Fit, joint: int | None) -> Extent:
-    """What the runs of a joint cover, or those of all."""
     row = solved.by_bin.get(joint or 0)
     bins = [part.bins for part in solved.joints]
     return replace(extent(bins, 0), joint=joint) if row is None else extent([row.bins], row.bins.joint, row.drawn)
@@ -454,7 +453,6 @@ def _shared(place: Floats, values: Floats, *, piece: Counts, points: int) -> NDA
 
 
 def _likeness(ways: Floats, frequency: Floats) -> Floats:
-    """(F,) mean cosine of the phase from one bin to the next."""
     widths = np.quantile(ways, QUANTILES)
     if widths[-1] - widths[0] < 0.05 * widths[-1]:
         widths = widths[WIDTHS // 2 : WIDTHS // 2 + 1]

@@ -207,7 +207,6 @@ def _half_waves(share: Floats, count: int) -> Floats:
 
 
 def _centred(columns: Floats, weight: Floats, label: Counts) -> Floats:
-    """Less their mean over the bins of each label."""
     total = np.bincount(label, weight)
     means = [np.bincount(label, weight * column) / np.where(total > 0, total, 1.0) for column in columns.T]
     return columns - np.array(means).T[label]
@@ -301,7 +300,6 @@ class _Decomposition:
         return out
 
     def _fit(self) -> Fit:
-        """What score tests ask of a fit: the residual beside what was taken out of it."""
         row = FitRow(self.bins, self.noise, self.basis, self.residual)
         return cast(
             Fit,
@@ -316,7 +314,6 @@ class _Decomposition:
         )
 
     def _rough(self) -> Floats:
-        """(N,) the residual less a polynomial of each run's own."""
         out = np.empty_like(self.residual)
         for rows in np.split(np.arange(len(out)), self.bins.first[1:]):
             steps = np.linspace(-1.0, 1.0, len(rows))

@@ -208,7 +208,6 @@ def curve(robot: Robot, samples: Samples, *, before: Floats, trials: Sequence[tu
 
 
 def _axis(robot: Robot, samples: Samples, term: EffectTerm, *, change: Floats) -> Axis:
-    """The variable in which an effect lives."""
     column, unit, effect = samples.joint - 1, robot.joint(samples.joint).position_unit, term.effect
     position, effect = samples.position[:, column], catalogue().get(effect.name, effect)
     shown = SHAPE_WORDS["of"][int(term.shape["of"])] if effect.is_free else VARIABLES.get(effect.family, "")
@@ -282,7 +281,6 @@ def joint_verdict(first: Fit, last: Fit, *, joint: int, acting: bool) -> JointDi
 
 
 def _shape(test: FormTest, *, is_clear: bool) -> Unexplained:
-    """The free form for people."""
     free, trial, solved, (knots, values, errors) = test.form, test.trial, test.on, knot_values(test)
     unit = FORM_VARIABLES[free.variable][0].format(unit=solved.model.robot.joint(trial.added.number).position_unit)
     peak = float(knots[int(np.argmax(np.abs(values)))])
@@ -469,7 +467,6 @@ class DiagnosisBuilder:
         return free_shape(self.fits[0], joint, families=families, beyond=enough) if named else None
 
     def _candidates(self, joint: int) -> tuple[Candidate, ...]:
-        """What was found, what runs held out denied, and what came near, at one joint."""
         search = self.search
         judged = [
             *(item for step in reversed(search.steps) for item in reversed(step.evaluated)),

@@ -166,7 +166,6 @@ class Separation:
 
 
 def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bool = False) -> Floats:
-    """(N, V) whitened columns of an effect with several shapes."""
     samples = row.bins.samples
     if is_ahead and "time" in terms[0].shape:  # what changed at an instant that has passed stays changed
         long = np.full(len(samples), np.inf)

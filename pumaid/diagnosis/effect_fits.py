@@ -113,7 +113,6 @@ def with_noise_beside(solved: Fit, row: FitRow, term: EffectTerm) -> Fit:
 
 
 def _noises(fitted: Fit) -> dict[int, NoiseModel]:
-    """By joint, what a fit leaves."""
     return {row.joint: noise_of(row.bins, fitted.misfit(row.bins, row.design)) for row in fitted.rows}
 
 
@@ -123,7 +122,6 @@ def _chosen(bins: Sequence[Sequence[JointBins]], added: Sequence[EffectTerm]) ->
 
 
 def _is_fast(term: EffectTerm, bins: JointBins) -> bool:
-    """Whether an effect is periodic in the position of a joint, and too fast for its bins."""
     if term.effect.periodic is None or term.joint != bins.joint:
         return False
     return bins.way * term.shape[term.effect.periodic] > FASTEST

@@ -126,7 +126,6 @@ def free_form_tests(solved: Fit, joint: int) -> list[FormTest]:
 
 
 def _scored(solved: Fit, term: EffectTerm) -> ScoreTest | None:
-    """A form's score; None where the model absorbs all but one hat."""
     scores, information, raw = _hat_scores(Projector(solved), term)
     visible = np.flatnonzero(np.diagonal(information) > KNOT_ABSORBED * raw)
     if len(visible) < 2:

@@ -77,7 +77,6 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
 
 
 def _best(on: Fit, joint: int) -> tuple[EffectTerm, float]:
-    """The curve that explains best what a fit leaves at a joint, and its evidence."""
     return learned(Projector(on), EffectTerm(catalogue()["curve"], joint))
 
 
@@ -96,7 +95,6 @@ def _gain(without: Fit, fitted: Fit, terms: Sequence[EffectTerm]) -> float:
 def _judged(
     before: Fit, after: Fit, curve: EffectTerm, more: float, *, unseen: Sequence[JointBins]
 ) -> EvaluatedCandidate:
-    """A curve through the gates of any effect: chance, runs left out, runs held out."""
     joint = curve.joint or 0
     scores, information, prior, sizes = informed(Projector(before), curve)
     fall = float(scores.sum(axis=0) @ sizes)

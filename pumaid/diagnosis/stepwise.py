@@ -314,7 +314,6 @@ class Stepwise:
         return out
 
     def _spectra(self, solved: Fit) -> tuple[Spectrum, ...]:
-        """Of what the solved system leaves, at the finest bins."""
         out, effect = [], self.periodic
         if effect is None or effect.periodic is None:
             return ()
@@ -509,7 +508,6 @@ class Stepwise:
 
 
 def _is_among(term: EffectTerm, others: Sequence[EffectTerm]) -> bool:
-    """Whether an effect is one of others, of the same shapes where a joint may have several."""
     same = [other for other in others if other.key == term.key]
     return any(
         all(np.isclose(term.shape[k], shape, rtol=ALIKE) for k, shape in term.effect.chosen(other.shape).items())
@@ -518,7 +516,6 @@ def _is_among(term: EffectTerm, others: Sequence[EffectTerm]) -> bool:
 
 
 def _is_near(table: ScoreTable, key: Key, surprise: float, chances: SignFlips) -> bool:
-    """Whether a candidate with this `surprise` is worth a close look."""
     is_loud = is_few(table.solved, key[1]) and 10.0**-surprise * table.tests <= FAR
     return is_loud or chances.p_value(key, surprise) <= FAR
 

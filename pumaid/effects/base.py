@@ -298,7 +298,6 @@ class Effect:
 
 @lru_cache(maxsize=256)
 def _in_units(entries: tuple[Any, ...], unit: str) -> tuple[Any, ...]:
-    """With `unit`, rad or m, in place of ``{unit}``."""
     return tuple(replace(entry, unit=entry.unit.format(unit=unit)) for entry in entries)
 
 

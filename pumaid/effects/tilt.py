@@ -55,7 +55,6 @@ class Tilt(Effect):
 
 
 def _uprights(robot: Robot) -> tuple[int, ...]:
-    """Joints (from 1) that turn about the direction of gravity in every posture."""
     return tuple(
         joint.number for joint in robot.joints if joint.is_revolute and load_refusal(robot, joint.number) is not None
     )

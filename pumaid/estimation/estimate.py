@@ -167,7 +167,6 @@ def identify(
 
 
 def _estimate(result: EffectFit, choices: Sequence[EffectChoice], coverage: Coverage, *, recursive: bool) -> Estimate:
-    """What a fit says of the arm's parameters; joints' figures are left out."""
     fitted, model = result.fit, result.fit.model
     assert fitted.first is not None
     parameters = FittedParameters(fitted.first if recursive else fitted, coverage)
@@ -262,7 +261,6 @@ def _joint_fit(result: EffectFit, joint: int, covered: Sequence[Run], prediction
 
 
 def _note(kind: str, where: Where | None = None, **values: object) -> Note:
-    """An entry of `TEXTS` with its values, those that are numbers in three digits."""
     where = where or Where()
     shown = {name: number(value) if isinstance(value, float) else value for name, value in values.items()}
     return Note(kind.split(",")[0], TEXTS[kind].format(joint=where.joint, **shown), where)

@@ -337,7 +337,6 @@ class JointPrediction:
         )
 
     def _undetermined(self, run: Run, rows: Floats) -> str | None:
-        """Why the fitted data cannot tell what `run` should draw, or None where they can."""
         estimate, model = self.estimate, self.model
         if run.accelerates and not model.is_dynamic:
             return "joints accelerate, and the model was fitted to constant speed: inertia is missing"

@@ -178,7 +178,6 @@ def _start(fitted: Fit, system: Bilinear) -> Recursion:
 
 
 def _refined(fitted: Fit) -> Fit:
-    """The joint fit from a recursion, with weights from its own residuals."""
     start = _start(fitted, fitted.system)
     values, gains, weights = start.values, start.gains, fitted.prior[: len(start.values)]
     noises = fitted.noises

@@ -369,7 +369,6 @@ class FittedParameters:
         return _identified(bare, self.fitted.values[index] + start, variance, self.freedoms[index], ends=ends)
 
     def _partners(self, index: int) -> list[str] | None:
-        """Names of what parameter `index` is only determined together with; None where it is determined."""
         if index in self.confounded:
             return list(self.confounded[index])
         blind, lost = self.fitted.solution.linear.blind, self.fitted.absorbed.get(index)
@@ -408,14 +407,12 @@ class FittedParameters:
         return replace(bare, **of_ratio(self.fitted.model, inner, outer, coverage=self.coverage, load=load))
 
     def _behind(self, edge: int) -> Counts:
-        """Numbers of the parameters of loads behind edge number `edge`."""
         gains = self.fitted.gains
         return np.flatnonzero(
             self.fitted.model.is_load & np.isin(self.fitted.system.owners, gains.subtree(gains.edges[edge]))
         )
 
     def _is_loaded(self, edge: int) -> bool:
-        """Whether a load behind edge number `edge` is surely not zero."""
         loads, values = self._behind(edge), self.fitted.values
         errors = np.sqrt(np.diag(self.covariance))
         chances = (two_sided(values[n] / errors[n], self.freedoms[n]) for n in loads if errors[n] > 0.0)
@@ -569,13 +566,11 @@ def confounded(fitted: Fit) -> tuple[dict[int, tuple[str, ...]], Counts, Floats]
 
 
 def _names(fitted: Fit) -> list[str]:
-    """(P,) of parameters and ratios."""
     edges = zip(fitted.gains.uppers, fitted.gains.edges, strict=True)
     return [*fitted.model.names, *(f"gain_ratio.{up + 1}.{low + 1}" for up, low in edges)]
 
 
 def _error_of(ends: tuple[float, float], dof: float) -> float:
-    """The standard error that an interval so wide would have."""
     low, high = interval(0.0, 1.0, dof)
     return float((ends[1] - ends[0]) / (high - low))
 
@@ -589,6 +584,5 @@ def _identified(
 
 
 def _held_at(posture: Floats, joints: str) -> str:
-    """Where the joints of a posture are held, as a part of a sentence."""
     places = ", ".join("-" if math.isnan(position) else f"{position:.2f}" for position in posture)
     return f", {joints} at ({places})"

@@ -61,7 +61,6 @@ def length_tests(fitted: Fit) -> Iterator[LengthTest]:
 
 
 def _tested(bins: JointBins) -> Counts:
-    """Numbers of the cells of some blocks."""
     blocks = np.flatnonzero(bins.is_block)
     chosen = blocks[np.unique(np.linspace(0, len(blocks) - 1, MOST_BLOCKS).astype(int))] if len(blocks) else blocks
     return np.flatnonzero(np.isin(bins.run, chosen))
@@ -76,7 +75,6 @@ def mean_motion(bins: JointBins, cells: Counts) -> tuple[Floats, Floats, Floats]
 
 
 def _drawn(fitted: Fit, robot: Robot, joint: int, motion: tuple[Floats, Floats, Floats]) -> Floats:
-    """(N,) A that the fitted rigid body asks of a joint on an arm with other lengths."""
     model = fitted.model
     weights = (np.nan_to_num(model.factors(fitted.scales(), joint)) * fitted.values)[model.inertial]
     rows = replace(base_parameters(model.robot), robot=robot).row(joint, motion)

@@ -260,7 +260,6 @@ class EffectFit:
         return Projector(fitted, whole=self.fit if self.terms[place].effect.needs_loads else None, at_nodes=at_nodes)
 
     def _sizes(self, place: int) -> tuple[float, ...]:
-        """Linear parameters of an effect by the fit so far."""
         return tuple(self.fit.sizes(sorted(self.terms).index(place)).tolist())
 
     def settle(self) -> bool:
@@ -298,7 +297,6 @@ class EffectFit:
         return False
 
     def _stepped(self, place: int, term: EffectTerm) -> EffectTerm:
-        """An effect with its shapes moved by the fit's step, within bounds."""
         shape, held = dict(term.shape), list(term.held)
         for n in self.fit.columns_of(sorted(self.terms).index(place)):
             name = self.fit.model.columns[n].shape

@@ -121,7 +121,6 @@ class Setups:
         return {cells.joint: _rest(cells, self._columns(cells, setup)) for cells in self.cells}
 
     def _columns(self, cells: _Chosen, setup: Setup) -> Floats:
-        """(N, p) what parameters of links ask of a joint under a setup."""
         place, order = setup.order.index(cells.joint - 1), list(setup.order)
         factors = np.array(setup.factors)[:, None]
         q, v, a = ((factors * part)[order] for part in cells.motion)
@@ -233,7 +232,6 @@ class Setups:
             yield replace(self.now, kind=WEIGHTLESS, gravity=(0.0, 0.0, 0.0))
 
     def _scaled(self) -> Iterator[Setup]:
-        """Positions of all joints that turn times one factor."""
         from scipy import optimize
 
         def times(logarithm: Floats) -> Setup:
@@ -332,7 +330,6 @@ def _body(robot: Robot, moves: bool) -> RigidBody:
 
 
 def _chosen(fitted: Fit, joint: int, most: int) -> _Chosen:
-    """Bins of a joint, spread over all of its runs; nothing accelerates in runs at constant speed."""
     row, model = fitted.by_bin[joint], fitted.model
     bins: JointBins = row.bins
     chosen = np.arange(0, len(bins), max(1, round(len(bins) / most)))
@@ -352,7 +349,6 @@ def _bent(cells: _Chosen) -> Floats:
 
 
 def _rest(cells: _Chosen, columns: Floats) -> float:
-    """RMSE (A) that columns and the joint's own leave of its current."""
     design = np.hstack([cells.beside, columns]) * cells.weight[:, None]
     size = np.linalg.norm(design, axis=0)
     is_there = size > 1e-9 * size.max(initial=0.0)

@@ -244,7 +244,6 @@ def _motion(formulas: Formulas) -> tuple[Floats, Floats, Floats]:
 
 
 def _off(formulas: Formulas, torques: Floats, parameters: Floats) -> Iterator[str]:
-    """Joints of which the bodies ask something else than the model says, with how much."""
     robot, motion = formulas.robot, _motion(formulas)
     position, velocity, acceleration = (part.T for part in motion)
     wanted = formulas.weight(position) * torques

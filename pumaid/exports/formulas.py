@@ -189,7 +189,6 @@ def _mixed(robot: Robot, estimate: Estimate) -> Floats:
 
 
 def _instants(model: Model, estimate: Estimate, position: Floats, velocity: Floats) -> Iterator[Samples]:
-    """Instants of each joint, warm and long in motion, with the loads that the model says."""
     still = np.zeros(len(position))
     names = ("acceleration", "time", "elapsed", "travel", "run")
     for joint, driving in enumerate(model.robot.shaft_speeds @ velocity.T, start=1):

@@ -226,7 +226,6 @@ def dotted(path: KeyPath) -> str:
 
 
 def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
-    """A pydantic error as a fault."""
     path: KeyPath = tuple(step for step in entry["loc"] if step != "[key]")
     kind, context = entry["type"], entry.get("ctx", {})
     if kind == "pumaid":
@@ -254,7 +253,6 @@ def _fault(entry: dict[str, Any], form: type[BaseModel]) -> Fault:
 
 
 def _fields(form: Any, path: KeyPath) -> dict[str, Any]:
-    """The fields, by key, that the mapping at `path` may have."""
     for step in (*path, None):
         while not hasattr(form, "model_fields") and get_args(form):
             form = get_args(form)[0]

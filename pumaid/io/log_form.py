@@ -39,7 +39,6 @@ def _template(template: str, info: ValidationInfo) -> str:
 
 
 def _a_joint(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-    """One number, or one a joint; a scale is not zero."""
     is_zero, n_joints = info.field_name == "scale" and 0.0 in values, len(arm_of(info).names)
     if is_zero or len(values) not in (1, n_joints):
         raise refusal(
@@ -50,7 +49,6 @@ def _a_joint(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ..
 
 
 def _units(words: dict[str, str], info: ValidationInfo) -> dict[str, str]:
-    """Unit words by quantity."""
     for key, word in words.items():
         turning, sliding = _DIMENSIONS[key.removeprefix("prismatic_")]
         slides = key.startswith("prismatic_") or arm_of(info).kinds == {"prismatic"}

@@ -477,7 +477,6 @@ class Cleaner:
         return notes + self._uneven_times()
 
     def _uneven_times(self) -> list[Note]:
-        """A note if times jitter, and one if there are gaps."""
         notes, median = [], self.interval
         limit = max(_GAP_INTERVALS * median, _GAP_SECONDS)
         even = self._steps[self._steps <= limit]

@@ -257,7 +257,6 @@ def _trajectory_faults(form: TrajectoryForm, robot: Robot, units: list[tuple[str
 
 
 def _trajectory(form: TrajectoryForm, scales: list[float]) -> Trajectory:
-    """The trajectory in SI."""
     nothing = [0.0] * len(scales)
     q, v, a = (np.array([getattr(knot, key) or nothing for knot in form.knots]) * scales for key in _STATES)
     return Trajectory(np.array([knot.time for knot in form.knots]), q, v, a, form.repeats, form.kind)
@@ -425,7 +424,6 @@ def urscript(plan: Plan, robot: Robot) -> str:
 
 
 def _knot_calls(made: Trajectory) -> list[str]:
-    """Lines of URScript that drive a trajectory from its first knot on."""
     states = [[yaml_vector(row, 7) for row in getattr(made, key)] for key in _STATES]
     calls = [
         f"  pumaid_to({yaml_number(h, 9)}, {', '.join(row)})"
@@ -437,7 +435,6 @@ def _knot_calls(made: Trajectory) -> list[str]:
 
 
 def _what(plan: Plan) -> str:
-    """What a program's head says that it drives."""
     return f"{len(plan.motions)} runs" if plan.trajectory is None else "A trajectory"
 
 

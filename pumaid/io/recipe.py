@@ -101,7 +101,6 @@ def is_joint_name(name: str) -> bool:
 
 
 def _effect_joint(joint: Any, info: ValidationInfo) -> int | None:
-    """The number of the joint at which an effect acts; None for all."""
     names = arm_of(info).names
     number = names.index(joint) + 1 if joint in names else joint
     if joint == "all":
@@ -463,7 +462,6 @@ def _given(given: Path) -> Path:
 
 
 def _folder_of(log: Path) -> Path:
-    """The folder that a file, a folder or a glob stands for."""
     place = next(path for path in (log, *log.parents) if not re.search(r"[*?\[]", str(path)))
     return place if place != log or log.is_dir() else log.parent
 

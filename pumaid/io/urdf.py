@@ -313,13 +313,11 @@ def _expanded(path: Path, file: str, arguments: Mapping[str, str]) -> bytes:
 
 
 def _attribute(element: ElementTree.Element, tag: str, word: str, default: str = "") -> str:
-    """An attribute of the first element of that name below."""
     child = element.find(tag)
     return default if child is None else child.get(word, default).strip()
 
 
 def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
-    """The first and last link of the arm, guessed where they are not given."""
     for word, link in (("--base", base), ("--tip", tip)):
         if link is not None and link not in urdf.links:
             raise urdf.unclear(f"{word} {link}: there is no such link", meant(link, urdf.links))
@@ -343,7 +341,6 @@ def _ends(urdf: UrdfFile, base: str | None, tip: str | None) -> tuple[str, str]:
 
 
 def _refuse_unusable(urdf: UrdfFile, base: str, path: Sequence[UrdfJoint]) -> None:
-    """Refuse joints that no recipe can state."""
     for joint in path:
         if joint.kind in TYPES[4:] or joint.follows:
             kind = f"follows joint {joint.follows} (mimic)" if joint.follows else f"is {joint.kind}"

@@ -111,7 +111,6 @@ def write_log(path: Path, logs: Iterable[Log], robot: Robot) -> None:
 
 
 def _tables(logs: Iterable[Log], robot: Robot) -> Iterator[Any]:
-    """A table (``pyarrow.Table``) a log, in the log's units and signs."""
     import pyarrow as pa
 
     columns: list[tuple[str, str, Joint]] = []

@@ -153,7 +153,6 @@ def _copies(files: Sequence[FileFacts], marks: Sequence[Counts]) -> Iterator[Log
 
 
 def _summarised(notes: Sequence[Note]) -> Iterator[Note]:
-    """Of each kind of notes on files the first few, and on which there are more."""
     for slug in dict.fromkeys(note.slug for note in notes):
         alike = [*dict.fromkeys(note for note in notes if note.slug == slug)]
         yield from alike[:MOST_ALIKE]

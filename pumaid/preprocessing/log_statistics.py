@@ -88,7 +88,6 @@ class LogStatistics:
         self.marks = np.zeros(0, dtype=np.int64)
 
     def _add(self, joint: int | slice = slice(None), /, **parts: Any) -> None:
-        """Add totals of one joint (from 0), or of all."""
         for name, values in parts.items():
             merge, total = EXTREMES[name][0] if name in EXTREMES else np.add, self.totals[name]
             total[joint] = merge(total[joint], values)

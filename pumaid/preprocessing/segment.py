@@ -130,7 +130,6 @@ def bounded(runs: list[Run]) -> list[Run]:
 def _by_recording(
     logs: Iterable[Log], n_joints: int, watch: Callable[[Log], None]
 ) -> Iterator[tuple[tuple[int, str], Log]]:
-    """Batches that are not empty, each with the number of its recording and its file."""
     clock, has_begun = 0, False
     for log in logs:
         if not isinstance(log, Log):

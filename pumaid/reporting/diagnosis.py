@@ -111,7 +111,6 @@ def finding_title(finding: Finding, diagnosis: Diagnosis, robot: Robot) -> str:
 
 
 def _rivals(finding: Finding) -> str:
-    """What these data do not separate from a finding, in parentheses; empty without rivals."""
     names = listed([label(name) for name in finding.rivals], "or")
     return f" (these data do not separate it from {names})" if names else ""
 

@@ -30,7 +30,6 @@ RUN_COLUMNS = {
 
 
 def _entries(record: object, names: str) -> dict[str, Any]:
-    """Attributes of a record by name."""
     return {name: getattr(record, name) for name in names.split()}
 
 

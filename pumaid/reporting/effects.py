@@ -66,7 +66,6 @@ def facts(effect: Effect) -> dict[str, Any]:
 
 
 def _stated(item: Parameter | Shape) -> dict[str, Any]:
-    """What a parameter and a shape have in common."""
     values = {name: getattr(item, name) for name in ("name", "unit", "meaning", "example", "low", "high")}
     return {name: None if value in (-math.inf, math.inf) else value for name, value in values.items()}
 

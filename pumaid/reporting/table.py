@@ -99,7 +99,6 @@ class Table:
         yield from (Paragraph(f"{mark:>{width}} {text}", 2, hanging=width + 1) for mark, text in self.notes)
 
     def _parts(self, console: Console, options: ConsoleOptions) -> Iterator[RichTable | Text]:
-        """The rows on lines as wide as the console."""
 
         def is_wider(table: RichTable) -> bool:
             return Measurement.get(console, options.update(max_width=10**6), table).maximum > options.max_width

@@ -220,7 +220,6 @@ def comparison_table(comparison: Comparison, robot: Robot) -> Table:
 
 
 def _noise_shown(joints: Sequence[JointResult]) -> str:
-    """Field of the noise that stands beside the errors of joints."""
     is_known = all(joint.noise_inside is None or joint.noise_floor is not None for joint in joints)
     return "noise_floor" if is_known else "noise_inside"
 

@@ -150,7 +150,6 @@ def record_from(kind: Any, entry: Any) -> Any:
 
 @cache
 def _fields(kind: Any) -> list[tuple[str, str, Any]]:
-    """Name, entry in documents and type of a dataclass's fields."""
     types, names = get_type_hints(kind), _ENTRIES.get(kind.__name__, {})
     return [(item.name, names.get(item.name, item.name), types[item.name]) for item in fields(kind)]
 

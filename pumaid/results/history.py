@@ -108,7 +108,6 @@ def keep(path: Path, estimate: Estimate) -> Path:
 
 
 def _archive(current: Path) -> Path | None:
-    """Copy a current model into the archive, once; None where there is none that can be read."""
     try:
         estimate, digest = _read(current)
     except PumaidError:
@@ -205,13 +204,11 @@ def _read(path: Path) -> tuple[Estimate, str]:
 
 
 def _number(path: Path) -> int:
-    """The number in an archived file's name; 0 for another file."""
     match = _NAME.fullmatch(path.name)
     return int(match[1]) if match else 0
 
 
 def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
-    """The archive in order of numbers, and what cannot be used."""
     entries: dict[int, Rung] = {}
     notes: list[Note] = []
     for path in sorted(folder.glob("[!.]*"), key=lambda path: (_number(path), path.name)):
@@ -230,7 +227,6 @@ def _entries(folder: Path) -> tuple[list[Rung], list[Note]]:
 
 
 def _beyond(effects: Sequence[EffectChoice], others: Sequence[EffectChoice]) -> tuple[EffectChoice, ...]:
-    """The effects that `others` lack, whatever their shapes; of several alike the last ones."""
     matched, beyond = Counter((choice.effect, choice.joint) for choice in others), []
     for choice in effects:
         matched[choice.effect, choice.joint] -= 1

@@ -143,7 +143,6 @@ class RigidArm:
         self._build(truth)
 
     def _build(self, truth: Truth) -> None:
-        """The engine's model of the arm with these masses."""
         self.truth, mujoco = truth, engine()
         self.model = specification(truth, step=self.step).compile()
         self.data = mujoco.MjData(self.model)

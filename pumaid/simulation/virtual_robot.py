@@ -377,5 +377,4 @@ def draw(robot: Robot, seed: int) -> Truth:
 
 
 def _shortened(values: Floats) -> Floats:
-    """Each to `_DIGITS` significant digits."""
     return np.array([float(f"{value:.{_DIGITS}g}") for value in values.flat]).reshape(values.shape)

@@ -350,7 +350,6 @@ def simulate(
 
 
 def _virtual_robot(robot: Robot, *, hide: Sequence[str], noise: float | None, seed: int) -> Truth:
-    """The virtual robot that is drawn, with what it hides and its noise."""
     from pumaid.simulation import draw, hidden_effects
 
     virtual = draw(robot, seed)

@@ -249,7 +249,6 @@ def diagnose(
 
 
 def _write_plan(path: Path, diagnosis: Diagnosis, robot: Robot) -> None:
-    """Write the runs that would decide, as often as it takes."""
     from pumaid.diagnosis.discrimination import plan_of_findings
     from pumaid.io.plan_file import plan_text
 

@@ -206,7 +206,6 @@ def export(
 
 
 def _places(exported: Exported, output: Path | None, *, home: Path) -> dict[Path, str]:
-    """Where each file goes."""
     if output is not None and not output.is_dir() and len(exported.files) == 1:
         return {output: next(iter(exported.files.values()))}
     file = output if output is not None and not output.is_dir() else (output or home) / exported.name

@@ -219,7 +219,6 @@ def _edited(text: str, tag: re.Match[str], texts: Mapping[str, str], *, is_insid
 
 
 def _without_place(formulas: Formulas, torques: Floats) -> Iterator[Lack]:
-    """What of the model has no place in a joint, with its size."""
     states, speeds = formulas.states(), highest_speeds(formulas.robot)
     whole = formulas.predicted(*states)
     uneven = np.abs(formulas.coulomb.mean(axis=1)) + 0.5 * np.abs(np.diff(formulas.viscous)[:, 0]) * speeds

@@ -219,7 +219,6 @@ class CsvLog(LogSource):
                     raise self._unreadable(str(error)) from error
 
     def _values(self, batch: Any, names: Sequence[str]) -> Floats:
-        """(C, N) values of a block."""
         more = [name for name in names if name not in self._places]
         inner = self._joints.values({k: batch.column(str(k)) for k in self._joints.needed(more)}, more)
         plain = {name: batch.column(str(self._places[name])) for name in names if name not in inner}
@@ -241,7 +240,6 @@ class CsvLog(LogSource):
         self.notes.append(Note("bad-samples", f"{text} (recording cut off) and is left out", where))
 
     def _unreadable(self, message: str) -> LogError:
-        """The error that a message of Arrow's means."""
         match = _BAD_CELL.search(message)
         if match is None:
             return LogError(

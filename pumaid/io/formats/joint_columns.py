@@ -98,7 +98,6 @@ class JointColumns:
             yield from ((name, (stem,), values) for name, _, values in leaves({stem: arrays[stem]}))
 
     def _array(self, stem: str, columns: Sequence[Any]) -> Any:
-        """(N,) lists (``pyarrow.Array``) of texts or numbers."""
         import pyarrow as pa
         import pyarrow.compute as pc
 

@@ -49,7 +49,6 @@ class JsonLog(LogSource):
         yield from (Batch(np.array(rows), table(columns, names, self.name)) for rows, columns in self._blocks())
 
     def _blocks(self) -> Iterator[tuple[Sequence[int], dict[str, Any]]]:
-        """Numbers of lines, and their values by key, block by block."""
         first, rest = 1, b""
         with self.unpacked() as stream:
             while block := bytes(stream.read(_BLOCK_BYTES)):

@@ -91,7 +91,6 @@ def _is_list(kind: Any) -> bool:
 
 
 def _sizes(column: Any) -> Counts:
-    """(N,) lengths of lists; 0 where there is none."""
     import pyarrow.compute as pc
 
     return np.array(pc.fill_null(pc.list_value_length(column), 0), dtype=np.int64)

@@ -126,7 +126,6 @@ class BagLog(LogSource):
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        """The reader of this kind of recording, by the package rosbags."""
         with self.path.open("rb") as stream:
             head = stream.read(len(_SQLITE))
         self._is_ros1 = head.startswith(_BAG)

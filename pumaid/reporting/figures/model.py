@@ -322,7 +322,6 @@ def varying(bins: pd.DataFrame) -> list[str]:
 
 
 def _binned(axes: Axes, bins: pd.DataFrame, name: str, floor: float | None) -> None:
-    """Residuals as dots, and means over runs in bins of a variable with their standard errors."""
     zero_line(axes, floor)
     look = (
         {"markersize": 2.4, "linestyle": "-", "linewidth": 0.8} if name.startswith("position") else {"markersize": 4.2}
@@ -374,7 +373,6 @@ def shape_figure(joint: int, shape: Unexplained, robot: Robot, *, units: str = "
 
 
 def _unexplained(joint: int, shape: Unexplained, robot: Robot) -> Column:
-    """Title, no effect, the curve of a shape, and of what it is."""
     side = Binned(0, shape.centres, shape.means, np.nan * shape.means, shape.errors, np.ones(len(shape.means)))
     curve = Curve(joint, VARIABLES.get(shape.variable, shape.variable), shape.unit, (side,), ())
     kind = f"viscous (A s/{shape.unit})" if shape.form.startswith("v ") else CURRENT
@@ -407,7 +405,6 @@ def curve_figures(context: ReportContext) -> list[Drawing]:
 
 @styled()
 def _learned(context: ReportContext, term: EffectTerm, rows: Floats) -> Figure:
-    """A curve: (3, N) places, values and standard errors."""
     unit, variable = context.robot.joint(term.number).position_unit, NAMES[int(term.shape["of"])]
     units = {"v": f"{unit}/s", "load": "A", "t": "s", "temperature": "degC"}
     scale, word = in_unit(units.get(variable, unit), context.units)

@@ -76,7 +76,6 @@ def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
 
 
 def _shape(term: EffectTerm) -> str:
-    """An effect's shape in words; empty where it has none."""
     words = worded(term.shape).items()
     texts = (f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in words)
     return spoken_form(term.shape) if term.effect.is_free else ", ".join(texts)
