@@ -118,6 +118,7 @@ class LogFormat:
     names: tuple[str, ...] = ()
     fraction: str = ""
     conversions: Mapping[str, tuple[Conversion, ...]] = field(default_factory=dict)
+    delay: float = 0.0  # s by which the currents of a row were drawn before its positions
 
     def conversion(self, quantity: str, joint: int) -> Conversion:
         """What the numbers of `quantity` of joint `joint` (from 1) mean."""

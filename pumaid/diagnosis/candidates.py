@@ -335,6 +335,7 @@ def spectrum(
     scale: float = 1.0,
     without: Sequence[float] = (),
     fewest_periods: float = FEWEST_PERIODS,
+    delay: float = 0.0,
 ) -> Spectrum | None:
     """Scores of cos(f q) and sin(f q) at all frequencies that the bins can show; None where runs are too short for any.
 
@@ -350,6 +351,8 @@ def spectrum(
         Variance of a whitened residual at these bins, as a share of that by which statistics are divided.
     without, fewest_periods
         Frequencies of waves that the model has; lowest frequency, in periods over the longest run.
+    delay
+        s by which the currents are taken to be drawn before the positions beside them; other phases stay unknown.
 
     Source
     ------
@@ -359,7 +362,10 @@ def spectrum(
     if grid is None:
         return None
     back = noise.unwhiten(bins, white) * grid.usable[bins.run]
-    shared = _shared(grid.place, back, piece=grid.piece, points=int(grid.place.max()) + 3)
+    per_rad = grid.points * (grid.frequency[1] - grid.frequency[0]) / (2.0 * np.pi)
+    place = grid.place - delay * per_rad * bins.samples.velocity[:, bins.joint - 1] * grid.usable[bins.run]
+    place += 1.0 - min(float(place.min()), 1.0)
+    shared = _shared(place, back, piece=grid.piece, points=int(place.max()) + 3)
     scores = np.conj(fft.rfft(shared, n=grid.points, axis=1)[:, grid.chosen])
     scores *= grid.turn / np.float32(scale)
     rho = noise.correlation

@@ -15,6 +15,7 @@ from pumaid.diagnosis.compare import budget
 from pumaid.diagnosis.cross_validation import forecast
 from pumaid.diagnosis.detection_limits import TINY, detection_limits
 from pumaid.diagnosis.free_forms import FORM_VARIABLES, FormTest, free_form_tests, knot_values
+from pumaid.diagnosis.late_currents import current_late
 from pumaid.diagnosis.learned_curves import CurveOffer, curve_size, offer
 from pumaid.diagnosis.records import (
     ABSENT,
@@ -573,6 +574,7 @@ def diagnose(
     )
     search.run()
     builder = DiagnosisBuilder(search, reopened(estimate), fitted)
+    late = current_late(search.steps[0].scan.solved, search.fits.bins[1])
     clocks = len({run.clock for run in runs})
     text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
     fits = {fit.joint: fit for fit in estimate.joints if is_fitted_to(estimate, dataset)}
@@ -583,6 +585,11 @@ def diagnose(
         findings=builder.findings(),
         model={"sha256": model_digest(estimate)},
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*causes, *held_out_otherwise(estimate, dataset), *([Note("several-clocks", text)] * (clocks > 1))),
+        notes=(
+            *causes,
+            *late,
+            *held_out_otherwise(estimate, dataset),
+            *([Note("several-clocks", text)] * (clocks > 1)),
+        ),
         recipe={"sha256": robot.digest},
     )

@@ -90,7 +90,7 @@ def log_block(log: LogFormat) -> str:
     plain = {"time": "s", "position": "rad", "velocity": f"{turning}/s", "current": "A", "temperature": "degC"}
     plain |= {"prismatic_position": turning if turning in ("m", "mm") else "m", "prismatic_velocity": f"{sliding}/s"}
     units = {key: word for key, word in log.units.items() if word != plain[key]}
-    out |= {key: part for key, part in {"units": units, "signs": dict(log.signs)}.items() if part}
+    out |= {key: part for key, part in {"units": units, "signs": dict(log.signs), "delay": log.delay}.items() if part}
     return "\n".join(["log:", *(f"  {key}: {yaml_line(value)}" for key, value in out.items())])
 
 
@@ -122,7 +122,7 @@ def guessed(header: Sequence[str], robot: Robot) -> tuple[LogFormat | None, bool
         units.setdefault("velocity", f"{units['position']}/s")
     units = {key: word for key, word in units.items() if robot.log.units.get(key, usual[key]) == usual[key]}
     log = LogFormat(times[0], units={**robot.log.units, **units}, names=names, signs=robot.log.signs)
-    log = replace(log, conversions=robot.log.conversions)
+    log = replace(log, conversions=robot.log.conversions, delay=robot.log.delay)
     return replace(log, fraction="".join(times[1:]), **cast(Any, chosen)), is_sure and is_one
 
 

@@ -136,6 +136,7 @@ class LogForm(StrictForm):
     temperature: Columns | None = ColumnForm(column="temp{joint}")
     commanded: Columns | None = None
     effort: Literal["current", "torque"] | None = None
+    delay: Annotated[Finite, Field(ge=-0.5, le=0.5)] = 0.0
     units: Annotated[dict[Quantity, str], AfterValidator(_units)] = like(default={})
     signs: dict[Literal["position", "current"], Signs] = like("{position: [1, -1, ...]}", default={})
 
@@ -179,7 +180,8 @@ def log_format(form: LogForm, names: tuple[str, ...]) -> LogFormat:
     }
     changed = {key: values for key, values in conversions.items() if {*values} != {Conversion()}}
     time, fraction = (*form.time, "")[:2]
-    return LogFormat(time, **fields, signs=cast(Any, form.signs), names=names, fraction=fraction, conversions=changed)
+    fields |= {"signs": form.signs, "names": names, "fraction": fraction, "delay": form.delay}
+    return LogFormat(time, **fields, conversions=changed)
 
 
 def preset_formats(robot: Robot) -> dict[str, LogFormat]:

@@ -538,7 +538,7 @@ def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Not
     log = replace(robot.log, names=spelt(robot.log.names, header))
     robot = replace(robot, log=log)
     positions = [str(log.column("position", joint.number)) for joint in robot.joints]
-    is_silent = replace(log, units={}, signs={}, names=()) == LogFormat()
+    is_silent = replace(log, units={}, signs={}, names=(), delay=0.0) == LogFormat()
     joints = {column.same_as: column.joint for column in schema if column.joint}
     naming, is_sure = guessed(header, robot)
     if {log.time, *positions} <= {*header}:

@@ -65,6 +65,7 @@ class SegmentOptions:
     rest_speed: float = 0.003  # rad/s or m/s, below which a joint is at rest
     low_speed_share: float = 0.05  # of its peak speed, below which a stroke's friction is not yet sliding
     cell: float | None = None  # s that a cell of a block lasts; None: as the encoder needs
+    delay: float = 0.0  # s by which the currents of a row were drawn before its positions
     max_bins: int = 512  # of a run; of more than two turns, half as many for each turn
     # Samples held in memory at a time, many more than the next window sees again; a longer movement is cut.
     window: int = 131_072

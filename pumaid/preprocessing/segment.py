@@ -78,7 +78,7 @@ def segment(
     `files`, `notes` and `extra`, if any, are taken over; `watch` is called with each batch. Runs and rejects are in
     order of time and together hold every sample once.
     """
-    body = base_parameters(robot)
+    body, options = base_parameters(robot), replace(options, delay=robot.log.delay)
     runs: list[Run] = []
     rejects: list[Reject] = []
     for (clock, _), batches in groupby(_by_recording(logs, robot.n_joints, watch), key=itemgetter(0)):
@@ -199,6 +199,9 @@ def stretches(log: Log, options: SegmentOptions) -> Iterator[tuple[Stretch, list
         samples = log.part(part)
         if len(part) >= FEWEST and good[part[0]]:
             sampled, error = sampling_times(samples.time, samples.position, samples.repeats)
+            if options.delay:
+                then = [np.interp(sampled - options.delay, sampled, column) for column in samples.position.T]
+                samples = replace(samples, position=np.column_stack(then))
             ticks = Ticks(sampled, samples.position)
             velocity, moving = _moving(ticks, options)
             fastest, count = np.abs(velocity).argmax(axis=1), moving.sum(axis=1)

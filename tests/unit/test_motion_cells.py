@@ -170,6 +170,21 @@ def test_inertia_loads_a_joint_that_turns_about_the_vertical(share):
         assert size.name == "drive + back" and abs(size.value - 2.0 * share) < 3.0 * size.std_error
 
 
+@pytest.mark.parametrize(("seed", "late"), [(75, 1), (76, -2), (77, 0)])
+def test_currents_logged_late_are_told_by_ripples(seed, late):
+    """By so many samples, or positions are; with the delay that is told in the recipe the ripple is found."""
+    robot, log = rippled(seed, 150.0, 0.2)
+    first, n = max(late, 0), len(log) - abs(late)
+    log = replace(log.part(slice(first, first + n)), current=log.current[first - late : first - late + n])
+    for delay in dict.fromkeys((0.0, late / RATE)):
+        there = replace(robot, log=replace(robot.log, delay=delay))
+        dataset = segment([log], there)
+        diagnosis = diagnose(identify(dataset, there), dataset, there)
+        told = [note.text.split("delay: ")[1].split()[0] for note in diagnosis.notes if note.slug == "current-late"]
+        assert [float(text) for text in told] == pytest.approx([late / RATE] * (delay != late / RATE), abs=3e-4)
+    assert [(item.effect, round(item.shape["frequency"])) for item in diagnosis.findings] == [("ripple", 150)]
+
+
 @pytest.mark.parametrize(("seed", "cut"), [(70, 8.0), (71, 8.0), (71, 4.0)])
 def test_what_a_filter_made_of_friction_passes_for_no_effect(seed, cut):
     """Currents without anything beyond some Hz: friction that builds up slowly where a joint turns round is no law."""
