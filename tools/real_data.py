@@ -1,7 +1,7 @@
 """Public recordings of real arms as experiment folders; prints the numbers of docs/validation.md on them.
 
-The UR10e is not among them: it was run by hand on its repository's files. The recordings are looked for where
-``PUMAID_REAL_DATA`` points, else in ``shared/data`` beside the checkout.
+UR5, UR10, UR10e and Panda are not among them: they were run by hand on their repositories' files. The recordings are
+looked for where ``PUMAID_REAL_DATA`` points, else in ``shared/data`` beside the checkout.
 """
 
 import json

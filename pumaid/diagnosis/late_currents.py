@@ -10,16 +10,15 @@ from pumaid.estimation.fit import Fit
 from pumaid.estimation.noise import noise_of
 from pumaid.joint_bins import JointBins
 
-#: s that are tried, and twice the logarithm of a likelihood by which one must be better than none: far beyond what the
-#: largest of thousands of frequencies gains by chance.
+#: s that are tried, and twice the log likelihood that one must gain: far more than the best of all frequencies has by
+#: chance.
 DELAYS, CLEAR = 0.002 * np.arange(-10, 11), 100.0
 
 
 def current_late(fit: Fit, finest: Sequence[JointBins]) -> list[Note]:
     """The delay at which what a fit leaves at the finest bins of all joints is most of all a ripple, if not none.
 
-    A wave of some hundred periods a turn that is late by some milliseconds has another phase at each speed and the
-    opposite one backward: over all runs nothing is left of it.
+    Of a wave that is late by half a period, say, or early, backward, nothing is left over all runs.
     """
     gains, joints = np.zeros(len(DELAYS)), list[str]()
     for bins in finest:

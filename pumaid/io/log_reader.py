@@ -92,8 +92,8 @@ _KINDS = {
     ),
     "stale": (
         "bad-samples",
-        "all values of the row before while a joint moves, as where more is logged than is measured",
-        "these rows are left out",
+        "all values of the row before amid motion, as if read twice",
+        "they are left out",
         1.0,
         "",
     ),

@@ -249,9 +249,7 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
 
 
 def bandwidth(current: Floats, step: float) -> float:
-    """Hz beyond which the rates of none of (N, J) currents, one every `step` s, hold anything, a sensor's noise or the
-    jumps of friction either: a filter's end; about half of the sampling rate where there is none.
-    """
+    """Hz at which a filter ended (N, J) currents, one every `step` s: rates hold no noise or jump of friction beyond."""
     rate = np.diff(np.nan_to_num(current), axis=0)
     power = np.abs(np.fft.rfft(np.hanning(len(rate))[:, None] * rate, axis=0)) ** 2
     beyond = np.cumsum(power[::-1], axis=0)[::-1]

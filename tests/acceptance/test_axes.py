@@ -179,6 +179,5 @@ def test_axes_are_those_seen_by_eye(name: str) -> None:
 
 
 def test_every_shipped_recipe_is_checked_here() -> None:
-    """A new recipe needs a published counterpart in this file."""
     checked = {"kinova_gen3", "staubli_tx40", "ur3e", "ur5e", "ur10e", "panda", *BY_EYE}
     assert set(shipped_recipes()) == checked

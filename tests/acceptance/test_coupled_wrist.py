@@ -49,7 +49,6 @@ def off(estimate: Estimate, *kinds: str) -> float:
 
 
 def test_friction_is_found_whatever_the_gears():
-    """Friction of a motor that its joint turns is what it is."""
     assert off(model(), "coulomb", "viscous") < 4.0
 
 

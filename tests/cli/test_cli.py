@@ -133,7 +133,6 @@ SPEAKERS = [
 
 
 def test_every_command_with_json_is_tried():
-    """A new command's document joins this contract."""
     assert sorted(set(SPEAKERS) - set(LINES)) == ["demo"]  # test_demo.py runs it
 
 

@@ -40,7 +40,6 @@ def test_a_hidden_ripple_is_told(arm):
 
 
 def test_logs_without_runs_still_have_their_tables(arm):
-    """Where no run is found, table and JSON come all the same."""
     lines = Path("logs/session_01.csv").read_text(encoding="utf-8").splitlines()
     Path("rest.csv").write_text("\n".join(lines[:20]) + "\n", encoding="utf-8")
     done = run(*COMPARE, "rest.csv")

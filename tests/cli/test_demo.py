@@ -35,7 +35,6 @@ def test_story_on_a_motion(tmp_path):
 
 
 def test_a_folder_with_anything_in_it_is_left_alone(tmp_path):
-    """A demo writes into a folder of its own and nowhere else."""
     (tmp_path / "notes.txt").write_text("mine")
     assert "error[file-exists]" in run("demo", ".", code=3).stderr
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]

@@ -146,13 +146,11 @@ def test_in_a_terminal_it_asks_for_robot_and_logs():
 
 
 def test_in_a_terminal_there_may_be_no_logs_yet():
-    """A URDF and nothing more gives its recipe."""
     conversation("arm.urdf", "")
     assert read_recipe(Path("recipe.yaml")).n_joints == 3
 
 
 def test_in_a_terminal_a_recipe_that_is_there_is_told_first():
-    """Nothing is asked in vain."""
     Path("recipe.yaml").touch()
     shown = conversation(code=3)
     assert "recipe.yaml is there already" in shown and "Robot" not in shown

@@ -54,7 +54,6 @@ def test_plan_on_standard_output_is_a_document_or_a_plan(folder):
 
 
 def test_prior_is_a_model_of_this_arm(arm):
-    """A model identified from logs is planned for."""
     assumed = answer(f"plan --prior results/model.json {LINE} -o next.yaml")["assumptions"]
     assert any("as of the earlier model" in sentence for sentence in assumed)
 

@@ -77,7 +77,6 @@ def test_a_disk_that_refuses_leaves_the_old_model(arm, monkeypatch, number, step
 
 
 def test_a_file_in_place_of_the_results_folder(arm):
-    """It is told, and left as it is."""
     shutil.rmtree(arm / "results")
     (arm / "results").write_text("mine")
     found = invoke("identify", str(arm / "logs"))
@@ -127,7 +126,6 @@ def test_pipes_among_the_models_are_passed_over(arm, words):
 
 
 def test_half_letters_in_the_old_model_do_not_block_a_new_one(arm):
-    """identify needs nothing of it; other commands refuse it."""
     path = arm / "results" / "model.json"
     path.write_text(path.read_text().replace('"robot": "', r'"robot": "\ud800', 1))
     found = invoke("compare", str(path), str(arm / "logs"))
@@ -138,7 +136,6 @@ def test_half_letters_in_the_old_model_do_not_block_a_new_one(arm):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 def test_a_log_whose_name_is_no_text(arm):
-    """Its model is written, read and compared."""
     (arm / "logs" / "log_1.csv").rename(arm / "logs" / os.fsdecode(b"\xff\xfe bad.csv"))
     path = arm / "results" / "model.json"
     assert invoke("identify", str(arm / "logs")).exit_code == 0
@@ -148,7 +145,6 @@ def test_a_log_whose_name_is_no_text(arm):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 def test_a_folder_whose_name_is_no_text(arm):
-    """Parquet logs are opened by the bytes of their path."""
     import pandas as pd
 
     folder = arm / os.fsdecode(b"logs \xff")

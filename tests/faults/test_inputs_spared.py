@@ -34,7 +34,6 @@ def test_an_input_is_not_written_over(arm, monkeypatch, words, place):
 
 @pytest.mark.parametrize("is_hard", [False, True])
 def test_a_link_to_an_input_is_one(arm, is_hard):
-    """The same through a second name of the log."""
     link, before = arm / "other.json", (arm / LOG).read_bytes()
     link.hardlink_to(arm / LOG) if is_hard else link.symlink_to(arm / LOG)
     found = invoke("identify", str(arm / "logs"), "-o", str(link))

@@ -52,7 +52,6 @@ def test_edits_of_a_recipe(arm, edits):
 @settings(SEEDED, max_examples=15)
 @given(EDITS)
 def test_edits_of_a_csv_log(arm, edits):
-    """Pieces of a CSV log taken out and put in."""
     assert judged(arm, "logs/log_1.csv", edited(csv(good()[0]).encode(), edits)) in FINE
 
 
@@ -80,7 +79,6 @@ def test_cells_of_any_value(arm, row, count, column, value):
 @settings(SEEDED, max_examples=20)
 @given(st.binary(max_size=2000), st.sampled_from(["logs/log_1.csv", "recipe.yaml"]))
 def test_any_bytes_at_all(arm, data, path):
-    """Bytes that were never a log or a recipe."""
     assert judged(arm, path, data) in FINE
 
 
@@ -104,7 +102,6 @@ pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="the syst
 
 
 def test_what_nobody_hears_is_done_all_the_same(arm):
-    """Closed outputs are as if they led nowhere."""
     done = shell("pumaid identify logs >&- 2>&- <&-", arm)
     assert done.returncode == 0 and "Traceback" not in done.stderr
     assert json.loads((arm / "results" / "model.json").read_text())["kind"] == "model"
@@ -115,14 +112,12 @@ def test_what_nobody_hears_is_done_all_the_same(arm):
     ["identify - --recipe recipe.yaml", "compare - logs", "segment logs --recipe -", "init --urdf -", "report - logs"],
 )
 def test_a_closed_input_is_told(arm, words):
-    """It is empty, which one message tells."""
     done = shell(f"pumaid {words} <&-", arm)
     assert done.returncode == 3 and done.stderr.count("error[") == 1 and "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("words", ["--version", "plan --help", "segment logs"])
 def test_a_full_output_is_one_message(arm, words):
-    """Help and version are told as results are."""
     done = shell(f"pumaid {words} >/dev/full", arm)
     assert done.returncode == 3 and done.stderr.count("error[file-not-readable]") == 1
     assert "Exception" not in done.stderr and "Traceback" not in done.stderr

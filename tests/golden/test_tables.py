@@ -26,7 +26,6 @@ def check(name: str, made: bytes) -> None:
 
 @pytest.mark.parametrize("units", ["rad", "deg"])
 def test_parameter_table(units):
-    """Table I of the paper in every readable form."""
     paper = report_contexts.table_one()
     table = parameter_table(paper.estimate, paper.robot, units)
     for suffix, text in (("txt", report_contexts.printed(table)), ("md", table.markdown()), ("tex", table.latex())):
@@ -37,6 +36,5 @@ def test_parameter_table(units):
 @pytest.mark.parametrize("units", ["rad", "deg"])
 @pytest.mark.parametrize("name", ["rich", "clean"])
 def test_diagnosis(name, units):
-    """Sentences, shape and tables of a diagnosis."""
     parts = diagnosis_parts(getattr(diagnoses, name)(), diagnoses.PUMA, units=units)
     check(f"diagnosis_{name}_{units}.txt", report_contexts.printed(*parts).encode())

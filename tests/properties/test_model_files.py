@@ -44,14 +44,12 @@ SEEDED = settings(deadline=None, derandomize=True, suppress_health_check=[Health
 @settings(SEEDED, max_examples=150)
 @given(data=st.data())
 def test_spoilt_files_are_read_or_refused(tmp_path, data):
-    """A model file with one entry changed to anything."""
     assert is_read_or_refused(tmp_path / "model.json", json.dumps(spoilt(model_document(ESTIMATE), data)).encode())
 
 
 @settings(SEEDED, max_examples=100)
 @given(place=st.integers(min_value=0), byte=st.binary(min_size=1, max_size=3))
 def test_spoilt_bytes_are_read_or_refused(tmp_path, place, byte):
-    """A model file with a few bytes overwritten."""
     content = as_text(model_document(ESTIMATE)).encode()
     at = place % len(content)
     assert is_read_or_refused(tmp_path / "model.json", content[:at] + byte + content[at + len(byte) :])

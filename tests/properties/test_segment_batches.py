@@ -29,7 +29,6 @@ def outline(dataset):
     "more", [{"files": 3, "rate": 100.0}, {"strokes": True, "rate": 50.0}], ids=["runs", "strokes"]
 )
 def test_batch_size_changes_nothing(size, more):
-    """Runs, bins and rejects are the same for any batch size."""
     world = World(**more)
     logs = make(world, 11).logs
     whole, parts = segment(logs, robot(world)), segment(batches(logs, size), robot(world))

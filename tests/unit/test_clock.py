@@ -73,7 +73,6 @@ def test_a_sampler_that_is_late_now_and_then_is_believed():
 
 
 def test_stamps_are_believed_where_nothing_moves_or_little_is_seen():
-    """The same of stamps that are even."""
     time, position = arm(137.0, seed=6)
     stamps, few = np.floor(time * 1e3) / 1e3, slice(0, 4 * GROUP)
     assert sampling_times(stamps, np.full_like(position, 0.3))[0] is stamps

@@ -237,7 +237,6 @@ def test_scale_and_zero_of_each_joint(tmp_path: Path) -> None:
     ],
 )
 def test_what_no_column_can_mean_is_refused(column: str, words: str) -> None:
-    """With its place, and how to write it."""
     with pytest.raises(PumaidError, match=re.escape(words)) as caught:
         robot(f"log: {{position: {{column: 'p{{joint}}', {column}}}}}\n")
     assert "log.position" in str(caught.value)
@@ -582,7 +581,6 @@ DEVICES: dict[str, Callable[..., dict[str, object]]] = {
 
 @pytest.mark.parametrize("preset", DEVICES)
 def test_presets_read_what_their_devices_write(tmp_path: Path, preset: str) -> None:
-    """To half a count of position and of current."""
     time, q, current = motion()
     q = 0.8 * q
     path = frame(tmp_path / "log.csv", DEVICES[preset](time, q, current))
@@ -661,7 +659,6 @@ def test_a_note_on_loads_shows_the_lines_that_state_them(tmp_path: Path) -> None
 
 
 def test_an_arm_whose_joints_all_slide_is_read_by_names(tmp_path: Path) -> None:
-    """Presets of servos in ticks and rpm do not fit it."""
     rails = [f"  - {{name: {name}, type: prismatic, theta: 0, alpha: 1.5, a: 0}}" for name in "xyz"]
     gantry = parsed_recipe("\n".join(["name: gantry", "gravity: [0, 0, -9.8]", "joints:", *rails]).encode(), "recipe")
     time, q, current = (np.arange(50) * 0.01, *np.random.default_rng(1).normal(0.0, 0.1, (2, 50, 3)))
@@ -689,7 +686,6 @@ def test_a_line_of_units_as_kuka_writes_it(tmp_path: Path) -> None:
 
 
 def test_counts_of_fine_encoders_are_refused_as_counts(tmp_path: Path) -> None:
-    """Motors behind gears go through many millions."""
     time, q, current = motion()
     path = table(tmp_path / "log.csv", "t,q1,q2,i1,i2", time, np.round(2e6 * q).astype(int), current)
     assert refused(path, robot()).mend.startswith("of counts of an encoder say what one is (position: {column:")

@@ -116,7 +116,6 @@ def test_it_is_used_for_these_logs_only(logs, dataset, tmp_path, capsys) -> None
 
 
 def test_a_folder_that_cannot_be_written_stops_nothing(dataset, tmp_path, capsys) -> None:
-    """A remark says that the next command reads the logs again."""
     (tmp_path / "results").write_text("a file")
     keep_dataset(tmp_path / "results" / "dataset.npz", dataset, {}, tell=print)
     assert "not kept" in capsys.readouterr().out

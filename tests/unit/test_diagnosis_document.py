@@ -47,7 +47,6 @@ def test_digest_of_a_model_is_that_of_its_file(context, tmp_path):
     ("entries", "field"), [({"format": 2}, "format"), ({"kind": "model"}, "kind"), ({"joints": []}, "sha256")]
 )
 def test_another_or_an_edited_document_is_refused(tmp_path, entries, field):
-    """The entry by which that is seen is named."""
     document = diagnosis_document(diagnoses.rich()) | entries
     (tmp_path / "d.json").write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(ResultError) as refused:
@@ -64,7 +63,6 @@ def test_what_is_no_diagnosis_is_refused(tmp_path, content):
 
 
 def test_entries_of_a_later_version_are_passed_over(tmp_path):
-    """Entries that this version does not know do no harm."""
     document = diagnosis_document(diagnoses.rich())
     document["joints"][0]["mood"] = document["mood"] = {"of": "tomorrow"}
     document["sha256"] = digest_of(document)

@@ -177,7 +177,6 @@ def brute(solved: Fit, shapes: list[EffectTerm], fold: tuple[int, tuple[int, ...
 
 @pytest.mark.parametrize("shapes", [STRIBECK, SPRING, LOADED], ids=["stribeck", "spring", "load_friction"])
 def test_falls_are_those_of_refits_without_the_runs(shapes):
-    """Fold by fold, shapes chosen anew without it."""
     lab = Lab.of(LEVER, design(LEVER), Hidden("stribeck", 1, {"a": 0.1, "velocity": 0.3, "exponent": 1.0}))
     solved = lab.fitted(lab.noisy(1))
     folds = replicate_folds(solved, [1])

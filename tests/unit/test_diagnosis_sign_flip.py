@@ -188,7 +188,6 @@ def test_the_shift_that_is_needed_has_four_fifths_power(freedoms, alarm):
 
 
 def test_limits_are_of_every_effect_and_joint():
-    """Each has a size with its unit, or a reason why not."""
     found = told(look(pendulum(), 1))
     assert len(found) >= 2 * 14
     assert {(name, joint) for name in ("ripple", "load_ripple") for joint in (1, 2)} <= found.keys()
@@ -236,7 +235,6 @@ def test_what_is_absorbed_says_which_runs_show_it(name, lacking):
 
 
 def test_every_effect_says_which_runs_show_it():
-    """But those that are in every model."""
     assert [name for name, effect in catalogue().items() if not (effect.base or effect.seen_in)] == []
 
 

@@ -260,7 +260,6 @@ def test_what_is_there_is_seldom_denied_and_what_is_not_always():
 
 
 def test_runs_that_cannot_show_it_say_nothing():
-    """A spring in noise far larger than itself."""
     solved = sprung().fitted(sprung().noisy(1), [SPRING])
     loud = sprung().fitted(lever().noisy(1, Din(spread=2.0, level=1.0)), [SPRING])
     assert confirmed_share(loud, SPRING, sprung().bins(later(True).noisy(5, Din(spread=2.0, level=1.0)))) is None
@@ -300,7 +299,6 @@ def test_of_gear_losses_the_weight_leaves_only_the_sum():
 
 
 def test_a_ripples_two_sizes_are_told_apart():
-    """Cosine and sine."""
     told = sizes_found(Hidden("ripple", 1, {"cos": 0.02, "sin": -0.01, "frequency": 23.0}))
     assert [one.name for one in told] == ["cos", "sin"]
 

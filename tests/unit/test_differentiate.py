@@ -17,7 +17,6 @@ def test_slopes_are_straight_lines_through_neighbours(half):
 
 
 def test_velocity_passes_a_parabola_unbent():
-    """Velocity of constant acceleration is exact."""
     time = np.arange(500) / 250.0
     np.testing.assert_allclose(velocity(time, 1.0 + 0.5 * time + 0.8 * time**2, 0.2), 0.5 + 1.6 * time, atol=1e-8)
 

@@ -90,7 +90,6 @@ def test_links_lead_somewhere(page):
 
 
 def test_index_names_every_page():
-    """Every document can be reached from docs/index.md."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     pages = [str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md") if page.name != "index.md"]
     assert [page for page in pages if f"({page})" not in index] == []

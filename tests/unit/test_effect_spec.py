@@ -35,7 +35,6 @@ def refusal(*, add=(), robot=PUMA) -> ModelError:
     ],
 )
 def test_a_choice_is_read_as_it_is_written(text, wanted):
-    """Joints go by number or name or all, shapes after a colon."""
     assert read_choice(text, PUMA, "--add") == wanted
 
 

@@ -150,13 +150,11 @@ UPRIGHT = Robot("upright", (Joint(1, "turn", "revolute"), Joint(2, "slide", "pri
     ],
 )
 def test_refuses_where_it_cannot_act(name, joint, word):
-    """An effect says why it cannot act at a joint."""
     assert word in str(catalogue()[name].applies(UPRIGHT, joint))
 
 
 @pytest.mark.parametrize("name", ["load_friction", "flexibility", "delay", "payload", "side_load_friction"])
 def test_acts_where_gravity_does(name):
-    """Effects of the load act on a joint whose axis is level."""
     assert catalogue()[name].applies(PENDULUM, 1) is None
 
 
@@ -182,7 +180,6 @@ def test_time_constants():
 
 
 def test_friction_comes_at_its_instant():
-    """Nothing before, all of it after."""
     found = current("friction_step", seen(time=np.linspace(0.0, 100.0, COUNT)), 0.3, time=50.0)
     assert np.array_equal(np.unique(found), [0.0, 0.3]) and (found > 0).sum() == COUNT // 2
 

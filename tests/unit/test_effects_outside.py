@@ -230,7 +230,6 @@ def test_an_effect_is_one_file(added):
 
 
 def test_a_log_format_is_one_file(added, tmp_path):
-    """A file of it is read like any log."""
     added(pumaid.io.formats, LOG_FORMAT)
     robot = read_recipe(shipped_recipes()["pendulum2"])
     names = ["t", "q1", "q2", "i1", "i2"]
@@ -242,7 +241,6 @@ def test_a_log_format_is_one_file(added, tmp_path):
 
 
 def test_a_report_section_is_one_file_and_its_template(added, context, tmp_path, monkeypatch):
-    """It stands on the page at the place that its order says."""
     added(pumaid.reporting.page, SECTION)
     (tmp_path / "dummy.html").write_text("<p>{{ words }}</p>", encoding="utf-8")
     package = jinja2.PackageLoader
@@ -254,7 +252,6 @@ def test_a_report_section_is_one_file_and_its_template(added, context, tmp_path,
 
 
 def test_an_export_is_one_file(added, context, tmp_path):
-    """It is a form like any other, on the command line, too."""
     added(pumaid.exports.formats, FORM)
     assert export(context.estimate, context.robot, form="dummy").files[".txt"].startswith("[[1.0")
     model = tmp_path / "model.json"

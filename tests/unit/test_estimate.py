@@ -408,7 +408,6 @@ SIGNALS = {
 
 @pytest.mark.parametrize("slugs", SIGNALS)
 def test_each_doubt_on_a_signal_has_its_note(tmp_path, slugs):
-    """What is wrong with a column is told by name, or refused."""
     told = notes(tmp_path, [SIGNALS[slugs](table) for table in good()], is_refused=True)
     assert any(f"[{slug}]" in told for slug in slugs.split())
 

@@ -107,7 +107,6 @@ def test_c(name: str, tmp_path: Path):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_python(name: str):
-    """Many postures at once, or one."""
     robot, estimate, motion, wanted, _ = case(name)
     space: dict = {}
     exec(export(estimate, robot, form="python").files[".py"], space)
@@ -117,7 +116,6 @@ def test_python(name: str):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_matlab(name: str):
-    """With accelerations the total has inertia in it."""
     robot, estimate, (q, qd, qdd), wanted, _ = case(name)
     run = as_python(export(estimate, robot, form="matlab", name="arm").files[".m"], "arm")
     assert off(np.array([run(q[k], qd[k], np.sign(qd[k]), qdd[k])[0] for k in range(4)]), wanted[:4]) < CLOSE
@@ -222,6 +220,5 @@ def test_the_nearest_possible_links_are_the_nearest():
 
 
 def test_a_model_of_constant_speed_has_no_inertia():
-    """Its files have no function of accelerations."""
     robot = read_recipe(shipped_recipes()["puma560"])
     assert "qdd" not in export(fitted(robot), robot, form="python").files[".py"]

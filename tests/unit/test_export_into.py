@@ -145,7 +145,6 @@ def test_names_with_words_around_are_the_joints_where_only_one_has_them():
 
 @pytest.mark.parametrize("text", ["no xml", "<robot/>", "<mujoco><include file='arm.xml'/></mujoco>"])
 def test_a_file_without_the_joints_is_refused(text):
-    """With the names that are missing."""
     robot = robot_called("ur5e")
     with pytest.raises(RecipeError, match="shoulder_pan, shoulder_lift") as caught:
         export(fitted(robot), robot, into=text, torque_constants=given(robot))

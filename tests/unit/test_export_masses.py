@@ -166,7 +166,6 @@ def test_an_identified_ratio_past_one_that_is_not_ties_what_is_beyond():
 
 
 def test_torques_in_the_logs_need_no_constant():
-    """Logs in N m: every constant is 1."""
     robot = robot_called("ur5e")
     robot = replace(robot, log=replace(robot.log, units={"current": "Nm"}))
     found = export(fitted(robot), robot, form="mjcf")
@@ -175,7 +174,6 @@ def test_torques_in_the_logs_need_no_constant():
 
 
 def test_a_slide_with_a_negative_mass_is_refused():
-    """No masses hold a slide that pulls up."""
     robot = robot_called("stanford")
     wrong = given(robot) | {3: -given(robot)[3]}
     with pytest.raises(ModelError, match="would carry -") as caught:
@@ -210,7 +208,6 @@ def test_names_are_escaped():
 
 @pytest.mark.parametrize(("text", "wanted"), [("1, -2,3e1", {1: 1.0, 2: -2.0, 3: 30.0}), ("2=-4.5", {2: -4.5})])
 def test_constants_as_typed(text, wanted):
-    """All of them in order, or some by joint."""
     assert read_constants(text, 3) == wanted
 
 

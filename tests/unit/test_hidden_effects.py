@@ -287,7 +287,6 @@ def test_usual_size_shows(effect):
     ],
 )
 def test_wrong_names_are_told(text, mend):
-    """What is not known is told with what is."""
     with pytest.raises(ModelError, match="hide-wrong") as caught:
         parse(text, PUMA.robot)
     assert mend in caught.value.mend

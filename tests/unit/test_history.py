@@ -109,7 +109,6 @@ def test_what_cannot_be_compared_stands_apart(path, changes, why):
 
 
 def test_effects_in_the_recipe_do_not_part_the_ladder(path):
-    """A recipe that gained an effect is still the same arm."""
     keep(path, model())
     geometry = replace(ARM, effects=(STRIBECK,), digest="bb" * 32).geometry
     keep(path, model(STRIBECK, rmse=0.02, recipe_digest="bb" * 32, geometry=geometry))
@@ -143,7 +142,6 @@ def test_a_lost_parent_leaves_a_ladder(path):
 
 @pytest.mark.parametrize(("text", "why"), [(None, "missing"), ("{", "damaged")])
 def test_a_current_model_that_is_gone_is_told(path, text, why):
-    """The ladder then ends at the last model that was kept."""
     keep(path, model())
     path.unlink() if text is None else path.write_text(text, encoding="utf-8")
     history = read_history(path.parent)
@@ -152,6 +150,5 @@ def test_a_current_model_that_is_gone_is_told(path, text, why):
 
 
 def test_a_long_list_of_effects_is_counted_in_the_name(path):
-    """A name that no disk would take is never made."""
     many = [EffectChoice(f"effect_of_a_long_name_{k}", 1) for k in range(40)]
     assert keep(path, model(*many)).name == "001-40-effects.json"

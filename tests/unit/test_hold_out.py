@@ -35,7 +35,6 @@ def planned() -> Dataset:
 
 
 def test_heldout_runs_are_marked_and_no_others():
-    """Posture, speed and direction decide, not the order."""
     shuffled = Dataset(tuple(reversed(planned().runs)))
     found = match_with_plan(shuffled, PLAN, ROBOT)
     assert [run.heldout for run in found.runs] == [True, True, False, False]
@@ -71,7 +70,6 @@ def test_missing_runs_are_told():
 
 
 def test_unplanned_runs_are_fitted():
-    """Runs that nobody planned stay in the fit."""
     stray = replace(planned().runs[0], joint=4, posture=np.array([0.0, -1.5, 0.5, np.nan, 0.0, 0.0]))
     found = match_with_plan(Dataset((*planned().runs, stray)), PLAN, ROBOT)
     assert [run.heldout for run in found.runs] == [False, False, True, True, False]

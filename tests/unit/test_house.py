@@ -256,7 +256,6 @@ def misnamed(path: Path) -> dict[str, set[str]]:
 
 
 def test_nothing_unfinished():
-    """No stub, no file whose name says nothing."""
     assert offenders(lambda path: "raise NotImplementedError" in path.read_text(encoding="utf-8"), PROGRAMS) == {}
     assert [path for path in PROGRAMS if path.stem in ("utils", "helpers", "common", "misc")] == []
 
@@ -323,7 +322,6 @@ RULES = (
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
 def test_no_file_breaks_a_rule(rule):
-    """What the rule's first line says is found in no file."""
     assert offenders(rule) == {}
 
 

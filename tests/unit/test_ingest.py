@@ -140,7 +140,6 @@ def test_notes_of_one_kind_do_not_flood(tmp_path) -> None:
 
 
 def test_a_refused_file_is_refused_by_its_worker_too(paths, tmp_path) -> None:
-    """The message of a file that cannot be read comes through."""
     bad = tmp_path / "bad.csv"
     bad.write_text("t,q1,i1\n0,1,2\n")
     with ProcessPoolExecutor(2) as executor, pytest.raises(LogError) as refused:
@@ -157,7 +156,6 @@ def test_dask_workers_leave_the_same(paths, expected) -> None:
 
 
 def test_no_scheduler_is_one_message(monkeypatch) -> None:
-    """An address at which nobody listens."""
     pytest.importorskip("distributed")
     monkeypatch.setattr(module, "PATIENCE", 0.5)
     with pytest.raises(LogError) as refused, dask_workers("tcp://127.0.0.1:9"):
@@ -204,7 +202,6 @@ def test_a_suspect_is_a_mean_over_each_cell(tmp_path, name):
 
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
 def test_a_column_of_text_is_refused(tmp_path, name):
-    """The message names the column that holds words."""
     path = written(tmp_path / name, columns() | {"Vbus": ["low"] * 1500})
     with pytest.raises(LogError, match="Vbus") as refused:
         found(path)
@@ -212,7 +209,6 @@ def test_a_column_of_text_is_refused(tmp_path, name):
 
 
 def test_a_log_without_the_column_is_refused(tmp_path):
-    """The nearest name is offered, whatever its capitals."""
     paths = [written(tmp_path / name, columns()) for name in ("a.csv", "b.parquet")]
     with pytest.raises(LogError, match="did you mean Vbus") as refused:
         ingest(paths, PAIR, extra=("vbsu",))

@@ -129,7 +129,6 @@ def test_json_is_read_in_blocks(tmp_path, monkeypatch):
     ids=["cut inside", "no object", "texts", "deep", "long", "gzip cut", "one document"],
 )
 def test_what_is_no_json_lines_is_refused(tmp_path, content, slug, row):
-    """With the line, where there is one, and a mend."""
     (tmp_path / "a.jsonl").write_bytes(content)
     with pytest.raises(LogError) as caught:
         read(tmp_path / "a.jsonl", robot(tmp_path))
@@ -145,7 +144,6 @@ def archive(folder, **changes):
 
 @pytest.mark.parametrize("rows", [7, 90, 1000])
 def test_arrays_are_read_in_blocks(tmp_path, rows, monkeypatch):
-    """Of any type, turned or by column, in blocks of any size."""
     monkeypatch.setattr(arrays, "_BATCH_ROWS", rows)
     current = np.arange(180).reshape(2, 90).astype(">i2")
     path = archive(tmp_path, i=current, q=np.asfortranarray(np.ones((90, 2), "f2")))

@@ -158,7 +158,6 @@ def dirty(path: Path) -> Path:
 
 @pytest.mark.parametrize("kind", ["float64", "float32", "int", "decimal", "text", "dictionary"])
 def test_parquet_of_any_number_type_reads_as_csv_does(tmp_path: Path, kind: str) -> None:
-    """Integers, decimals and numbers kept as text are numbers."""
     log = motion(50)
     names = ["t", "q1", "q2", "qd1", "qd2", "i1", "i2"]
     assert log.velocity is not None
@@ -226,7 +225,6 @@ def test_standard_input_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 
 
 def test_a_log_without_rows_stops_nothing(tmp_path: Path) -> None:
-    """It is noted; of one with rows the interval is a fact."""
     (tmp_path / "b.csv").write_text("t,q1,q2,i1,i2\n")
     write_log(tmp_path / "a.csv", [motion(50)], arm())
     reader, other = LogReader(tmp_path / "a.csv", arm()), LogReader(tmp_path / "b.csv", arm())

@@ -158,7 +158,6 @@ def test_an_arm_with_a_gripper_is_taken_as_it_is(made) -> None:
     ],
 )
 def test_which_chain_is_taken_is_said_by_its_bodies(made, text, ends, names) -> None:
-    """As with a URDF's links: --base and --tip."""
     assert [joint.name for joint in made(text, **ends).robot.joints] == names
 
 
@@ -190,7 +189,6 @@ def test_what_cannot_be_a_recipe_is_told(made, change, slug: str, said: str) -> 
 
 
 def test_includes_beside_the_file_are_read(made, tmp_path) -> None:
-    """A scene that includes the arm is the arm."""
     (tmp_path / "inner.xml").write_text(ARM)
     scene = '<mujoco><include file="inner.xml"/><worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>'
     assert [joint.name for joint in made(scene).robot.joints] == ["shoulder", "elbow"]

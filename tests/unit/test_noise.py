@@ -71,7 +71,6 @@ def test_units_of_columns_do_not_matter(unit):
 
 
 def test_data_without_noise():
-    """Exact data have no variance; nothing divides by it."""
     found = estimate(ONES, DESIGN, DESIGN @ [1.0, 2.0, -1.0, 0.5], counts=COUNTS)
     assert 0.0 < found[0] < 1e-20 and found[1] < 1e-20
 

@@ -145,13 +145,11 @@ def test_faults_are_told_together_and_counted(tmp_path):
 
 @pytest.mark.parametrize("text", ["", "- 1\n", "kind: plan\nformat: 1\nruns: []\n", "kind: plan\nformat: 1\nruns: 3\n"])
 def test_no_plan_at_all_is_refused(tmp_path, text):
-    """Nothing, a list, no runs, runs that are none."""
     assert all(isinstance(fault, ModelError) for fault in faults(tmp_path, text))
     assert text or "pumaid plan" in faults(tmp_path, text)[0].mend
 
 
 def test_plan_is_found_in_the_first_folder_that_has_one(tmp_path):
-    """The recipe's folder comes before the logs'."""
     for name in ("b", "c"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "plan.yaml").write_text(GOOD)
@@ -299,7 +297,6 @@ def test_ros2_is_the_message():
 
 @pytest.mark.parametrize("name", ["panda", "stanford", "pendulum2"])
 def test_urscript_is_for_six_turning_joints(name):
-    """Any other arm is refused, with the forms that fit it."""
     with pytest.raises(ModelError, match="URScript moves six revolute joints") as caught:
         urscript(plan(name), robot(name))
     assert (caught.value.slug, "ros2" in caught.value.mend) == ("program-other-robot", True)

@@ -164,7 +164,6 @@ def test_every_fault_is_told_with_its_line(recipe) -> None:
     ids=lambda value: value if isinstance(value, str) else "->".join(value).strip(),
 )
 def test_a_single_fault_has_its_mend(recipe, wrong: tuple[str, str], mend: str) -> None:
-    """One slip gives one message, with the mend that fits it."""
     assert wrong[0] in GOOD
     text = GOOD.replace(*wrong, 1)
     assert any(mend in fault.mend for fault in faults_of(recipe, text))
@@ -219,7 +218,6 @@ DOCUMENT = (Path(__file__).parents[2] / "docs" / "recipes.md").read_text(encodin
 
 
 def test_the_documents_example_is_a_recipe(recipe) -> None:
-    """The whole file that docs/recipes.md shows can be read."""
     assert recipe(DOCUMENT.split("```yaml\n")[1].split("```")[0]).n_joints == 3
 
 

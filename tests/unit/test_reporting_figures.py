@@ -83,7 +83,6 @@ def test_residuals_are_drawn_against_what_varies(context):
 
 
 def test_logs_without_runs_draw_no_empty_figure(context):
-    """With nothing to show there is no figure."""
     nothing = Dataset(())
     empty = ReportContext(context.robot, context.estimate, nothing, compare(context.estimate, nothing, context.robot))
     assert [drawing.name for drawing in all_figures(all_contents(empty))] == []
@@ -93,7 +92,6 @@ def test_logs_without_runs_draw_no_empty_figure(context):
 
 
 def test_each_model_has_its_step():
-    """All models, by their numbers."""
     labels = model.history_figure(ladder(12, 3)).figure.axes[0].get_xticklabels()
     assert [label.get_text() for label in labels] == [str(number) for number in range(1, 13)]
 

@@ -107,7 +107,6 @@ def test_sections_are_on_the_page_in_order(context, html):
 
 
 def test_page_needs_nothing_from_outside(html):
-    """Each reference points into the page."""
     outside = [ref for ref in outline(html).references if not ref.startswith("#") and ref != "data:,"]
     assert outside == [] and "@import" not in html and not re.search(r"url\((?!#)", html)
     assert outline(html).tags.count("script") == 3  # data, uPlot and what moves them, all of them inside

@@ -60,7 +60,6 @@ def test_text_is_never_wider_than_asked(width):
 
 
 def test_long_words_are_wrapped_not_cut():
-    """A path wider than its column goes on in the next line."""
     path = "logs/" + "x" * 90 + "/end.csv"
     table = Table("", ("file", "size", "what"), [[path, "1", "a b c " * 10]], words=(0, 2))
     text = report_contexts.printed(table, width=60)
@@ -176,7 +175,6 @@ def test_detection_limits_have_a_row_an_effect_and_unit():
 
 
 def test_history_shows_held_out_errors_where_there_are_any():
-    """A sentence says where no run was held out."""
     words = [tables.history_table(ladder(2, 2, heldout=heldout)).caption for heldout in (True, False)]
     assert ["No run was held out" in caption for caption in words] == [False, True]
 
@@ -227,7 +225,6 @@ def test_all_ways_to_a_terminal_are_guarded(capsys):
 
 @pytest.mark.parametrize("name", ["[/] x", "[bold]x", ":smile:", r"$\foo{}$", "$x", r"\$"])
 def test_names_are_not_read_as_markup(name):
-    """Plan and axes with a robot and a joint of that name."""
     robot = Robot(name, (replace(Joint(1, name, "revolute"), limits=(-1.0, 1.0)),))
     plan = Plan(name, (Motion(1, (0.0,), -1.0, 1.0, 0.5),), (Posture(1, (0.0,), (), name),))
     tables = [*plan_tables(plan, robot), axes_table(robot)]

@@ -125,7 +125,6 @@ def test_a_joint_is_judged_by_its_noise_floor(context, changes, words):
 
 
 def test_parameters_are_counted(context):
-    """How many parameters and combinations are identified."""
     unknown = replace(context.estimate.values[0], state="not_identifiable", value=None, reason="x", next_run="y")
     sums = Combination({"coulomb.j1.plus": 1.0, "viscous.j1.plus": 0.4}, 0.5, 0.01, "A", "friction of joint 1")
     estimate = replace(context.estimate, values=(unknown, *context.estimate.values[1:]), combinations=(sums,))
@@ -216,7 +215,6 @@ def test_a_significant_part_is_not_denied_at_the_floor(rippled):
     ],
 )
 def test_effects_are_written_as_they_are_typed(effects, words):
-    """An effect of several joints is one word."""
     assert effect_words(effects, 3) == words
 
 

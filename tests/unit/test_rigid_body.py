@@ -54,7 +54,6 @@ ARMS = [*sorted(shipped_recipes()), "RRP", "PPP", "RPRPR", "PRRRRRR", "RRRRRRRRR
 
 @pytest.mark.parametrize("name", ARMS)
 def test_torques_are_those_of_inverse_dynamics(name):
-    """On every recipe and on random chains, slides among them."""
     rng = np.random.default_rng(3)
     robot = read_recipe(shipped_recipes()[name]) if name in shipped_recipes() else random_arm(name, rng)
     model, values = engine(robot, rng)
@@ -96,7 +95,6 @@ def test_base_parameters_explain_every_motion_and_are_as_many_as_any_motion_show
     ],
 )
 def test_known_arms_have_known_numbers_of_base_parameters(name, widths):
-    """40, 40, 48 and 37 in all."""
     assert [len(kept) for kept in base_parameters(read_recipe(shipped_recipes()[name])).counted] == widths
 
 
@@ -169,7 +167,6 @@ def test_placement_is_pinocchios() -> None:
 
 @pytest.mark.parametrize("axis", [(0, 0, 2), (0, 0, -1), (1, 0, 0), (0.3, -0.2, -0.9), (1e-9, 0, -1)])
 def test_turn_of_z_is_the_least(axis) -> None:
-    """z goes to the axis, by the angle between the two."""
     turn, unit = turn_of_z(axis), np.array(axis) / np.linalg.norm(axis)
     assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-7)
     assert turn[:, 2] == pytest.approx(unit, abs=2e-9)

@@ -122,7 +122,6 @@ def test_topics_and_publishers_are_merged_by_time(tmp_path, batch, monkeypatch):
 
 
 def test_frames_and_stamps_of_any_kind(tmp_path):
-    """Frames whose names change, and messages without a stamp."""
     times = np.arange(50) * 0.01 + 5.0
     messages = [(*content[:4], "x" * (k % 7), False) for k, content in enumerate(motion(times))]
     log, _ = read(write(tmp_path, "db3", messages), robot(tmp_path, LOG))

@@ -21,7 +21,6 @@ every_sample = pytest.mark.parametrize("sample", make_samples.index(), ids=lambd
 
 
 def test_a_sample_is_made_alike_twice(tmp_path):
-    """Recipe, seed and commands decide every file of a sample."""
     sample = {
         "folder": "small",
         "recipe": "pendulum2",

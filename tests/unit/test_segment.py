@@ -140,13 +140,11 @@ def test_a_little_drift_of_a_held_joint_is_borne_and_motion_of_two_is_not():
 
 @pytest.mark.parametrize("count", [0, 1, 5, 7])
 def test_a_handful_of_samples_is_no_error(count):
-    """Logs too small for anything are accounted for."""
     dataset = segment([log().part(slice(count))], ARM)
     assert dataset.runs == ()
     assert sum(reject.samples for reject in dataset.rejects) == count
 
 
 def test_another_arms_logs_are_refused():
-    """The number of joints must be the robot's."""
     with pytest.raises(ValueError, match="3 joints, the robot has 1"):
         segment([log()], Robot("one", ARM.joints[:1]))

@@ -123,7 +123,6 @@ def test_files_share_one_clock():
     ],
 )
 def test_nonsense_is_refused(plan, rate, slug):
-    """Another arm's plan, a rate that is none."""
     with pytest.raises(ModelError, match=slug):
         simulate(PUMA.robot, plan, rate=rate)
 
@@ -187,7 +186,6 @@ def test_noise_free_bins_hold_the_truth():
 
 
 def test_held_out_runs_are_marked():
-    """What the plan keeps for judging is marked in the runs."""
     motions = (Motion(2, (0.0,) * 6, -1.0, 1.0, 0.5), Motion(2, (0.0,) * 6, 1.0, -1.0, 0.5, "heldout"))
     runs = Bench(PUMA, Plan("PUMA 560", motions)).runs(np.random.default_rng(0))
     assert [(run.heldout, run.direction) for run in runs] == [(False, 1), (True, -1)]

@@ -126,7 +126,6 @@ def test_friction_that_weight_would_have_to_take_away_shows_another_unit(tmp_pat
 
 
 def test_counts_that_no_current_tells_are_told(tmp_path):
-    """Where weight tells them, nothing is said."""
     make(tmp_path / "arm")
     recipe = tmp_path / "arm" / "recipe.yaml"
     recipe.write_text(f"{recipe.read_text()}\n{COUNTED}\n")

@@ -106,7 +106,6 @@ def test_a_table_of_the_other_kind_is_told_by_two_joints_on_one_line(tmp_path, h
 
 @pytest.mark.parametrize("name", sorted(shipped_recipes()))
 def test_shipped_tables_are_not_taken_for_standard_ones(tmp_path, name: str) -> None:
-    """Nor is any with its convention said."""
     text = shipped_recipes()[name].read_text(encoding="utf-8")
     assert robot_of(tmp_path, f"convention: modified\n{text}").joints == read_recipe(shipped_recipes()[name]).joints
 

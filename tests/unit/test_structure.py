@@ -113,7 +113,6 @@ def test_neither_postures_nor_the_unit_of_gravity_matter():
 
 
 def test_without_gravity_nothing_has_weight():
-    """An arm in orbit has friction and nothing else."""
     structure = minimal(arm("RPR", [0.3, 0.4, 0.5], gravity=(0.0, 0.0, 0.0)))
     assert len(structure.absent) == 5 and set(structure.redundant) == {(1, 2), (2, 3)}
 

@@ -55,7 +55,6 @@ def test_what_cannot_be_written_is_told(tmp_path: Path, name: str) -> None:
 
 
 def test_another_run_is_waited_for(tmp_path: Path) -> None:
-    """While one run has a folder's lock another waits for it."""
     done = threading.Event()
 
     def other() -> None:
@@ -108,7 +107,6 @@ def test_an_interrupted_session_leaves_whole_files(old):
 
 
 def test_another_form_and_fewer_files_leave_nothing_of_the_old(old):
-    """A new session's folder holds that session alone."""
     plan = Plan(ARM.name, (MOTION,))
     write(old, 2, simulate(ARM, plan, seed=2, rate=20.0), force=True, form="parquet")
     assert set(contents(old)) == {"session_01.parquet", "truth.json"}

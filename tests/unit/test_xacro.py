@@ -30,7 +30,6 @@ def described(tmp_path: Path) -> Path:
 
 
 def test_a_missing_package_is_told_with_the_command_that_installs_it(described, monkeypatch) -> None:
-    """And with what ROS itself offers."""
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(PumaidError) as refused:
         UrdfRecipe(described)
