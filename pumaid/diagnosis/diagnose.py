@@ -326,6 +326,7 @@ class DiagnosisBuilder:
         self.search, self.robot, self.choices, self.runs = search, search.model.robot, choices, runs
         self.base = self._identified(choices)
         self.fits = [step.scan.solved for step in search.steps]
+        self.late = current_late(self.fits[0], search.fits.bins[1])
         last = search.steps[-1]
         self.limits = sorted(
             detection_limits(last.scan, last.family).values(), key=lambda limit: (limit.effect, limit.joint or 0)
@@ -574,9 +575,9 @@ def diagnose(
     )
     search.run()
     builder = DiagnosisBuilder(search, reopened(estimate), fitted)
-    late = current_late(search.steps[0].scan.solved, search.fits.bins[1])
     clocks = len({run.clock for run in runs})
     text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
+    several = [Note("several-clocks", text)] * (clocks > 1)
     fits = {fit.joint: fit for fit in estimate.joints if is_fitted_to(estimate, dataset)}
     causes = sorted((note for note in estimate.notes if note.slug in CAUSES), key=lambda note: CAUSES.index(note.slug))
     return Diagnosis(
@@ -585,11 +586,6 @@ def diagnose(
         findings=builder.findings(),
         model={"sha256": model_digest(estimate)},
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(
-            *causes,
-            *late,
-            *held_out_otherwise(estimate, dataset),
-            *([Note("several-clocks", text)] * (clocks > 1)),
-        ),
+        notes=(*causes, *builder.late, *held_out_otherwise(estimate, dataset), *several),
         recipe={"sha256": robot.digest},
     )

@@ -7,9 +7,10 @@ from dataclasses import fields, replace
 from itertools import product
 from typing import Any, cast
 
+from pumaid.errors import listed, nearest
 from pumaid.io.forms import yaml_line
-from pumaid.robot import QUANTITIES, Conversion, LogFormat, Robot
-from pumaid.units import UNITS
+from pumaid.robot import QUANTITIES, Conversion, Joint, LogFormat, Robot
+from pumaid.units import UNITS, factor
 
 #: Words by which a column's name tells what it holds, strongest first: in English and as ROS and servos say, then in
 #: German, French, Spanish, Italian, Chinese, Japanese and Korean. Compared with the name's words in lower case, and
@@ -55,6 +56,8 @@ _UNIT_WORDS = {
 _SECONDS, _SHARES = ("s", "sec", "secs", "seconds"), ("effort", "efforts", "load", "loads")
 #: What a torque costs against a current, and a second quantity in a name; how much better than its rivals is sure.
 _TORQUE, _ANOTHER, _SURE = 3.0, 5.0, 2.0
+#: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
+ALIKE = 0.7
 #: Columns that count the recordings that stand in one file, as in LeRobot's data sets.
 EPISODE = re.compile("episode([_ ]?(index|id))?", re.IGNORECASE)
 #: Wanted, not measured: never proposed while a measured column is there.
@@ -235,3 +238,38 @@ def _score(template: str, quantity: str) -> float:
     score = 10.0 - 0.1 * min(meaning[what] for what in asked) - len(words) - _TORQUE * (quantity not in asked)
     score += 2.0 * bool(_MEASURED & set(words)) - 5.0 * bool(_WANTED & set(words)) + 1.5 * ("{name}" in template)
     return score - _ANOTHER * bool({*meaning} - {*asked, "time", "fraction"})
+
+
+def factor_of(robot: Robot, quantity: str, joint: Joint, *, unit: str = "") -> float:
+    """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position.
+
+    ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
+    for revolute, mm for prismatic ones); without a word it is SI. A `unit` that the file states goes before them.
+    """
+    position = joint.position_unit
+    si = {"position": position, "velocity": f"{position}/s", "current": "A", "temperature": "degC"}[quantity]
+    words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
+    unit = next((word for word in (unit, *words) if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
+    signs = robot.log.signs.get("position" if quantity == "velocity" else quantity, (1,) * robot.n_joints)
+    return float(signs[joint.number - 1] * factor(unit) * robot.log.conversion(quantity, joint.number).scale)
+
+
+def offered(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
+    """The mend where columns are `missing`: the `log` block that the header's names mean, or the nearest of them."""
+    naming, _ = guessed(header, robot)
+    topics = dict.fromkeys(
+        column.rsplit("/", 2)[0] for column in header if column[:1] == "/" and column.endswith("/position")
+    )
+    if naming:
+        block = log_block(naming)
+        more = f" (joint states are there of {listed([*topics])}; log: {{topic: NAME}} says which)"
+        more *= len(topics) > 1
+        more += " (some hold what was wanted: of these the model is the controller's, not the arm's)" * is_wanted(block)
+        return f"if these are the columns meant{more}, put this into the recipe:\n{block}"
+    # What the recipe names already is no other quantity.
+    named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
+    free = [column for column in header if column not in named]
+    near = {column: nearest(column, free, cutoff=ALIKE) for column in missing[:3]}
+    hints = [f"the nearest to {column} is {name}" for column, name in near.items() if name]
+    text = "name this file's columns in the recipe's log block (pumaid init shows one)"
+    return "; ".join([*hints, f"{text}; write {{name}} for a joint's name, which log_name states if it is another"])

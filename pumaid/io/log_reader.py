@@ -17,17 +17,14 @@ from typing import Any, cast
 import numpy as np
 
 from pumaid.dataset import FileFacts, Log
-from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, nearest, refuse
-from pumaid.io.column_names import EPISODE, clocks, guessed, is_wanted, log_block, spelt, stated_unit, unit_in
+from pumaid.errors import LogError, Note, PumaidError, Where, listed, meant, refuse
+from pumaid.io.column_names import EPISODE, clocks, factor_of, guessed, log_block, offered, spelt, stated_unit, unit_in
 from pumaid.io.formats import HEAD_BYTES, LogColumn, LogSource, log_format
 from pumaid.io.log_form import preset_formats
 from pumaid.io.paths import STDIN, LogPath, is_remote, local_copy
 from pumaid.maths import Counts, Flags, Floats
-from pumaid.robot import QUANTITIES, Conversion, Joint, LogFormat, Robot
-from pumaid.units import UNITS, factor
-
-#: How like a name must be to be meant (difflib's ratio): actual_q_0 and actual_dq_0 are to actual_current_0 by 0.69.
-ALIKE = 0.7
+from pumaid.robot import QUANTITIES, Conversion, LogFormat, Robot
+from pumaid.units import factor
 
 #: What the absence of a quantity's column means.
 _ABSENCE = {
@@ -512,20 +509,6 @@ def _clocks_apart(source: LogSource, header: Sequence[str], log: LogFormat) -> I
             )
 
 
-def factor_of(robot: Robot, quantity: str, joint: Joint, *, unit: str = "") -> float:
-    """What a log's number is multiplied by to be SI in the recipe's direction; velocity turns with position.
-
-    ``units.prismatic_position`` speaks for prismatic joints, ``units.position`` for the joints whose kind it fits (deg
-    for revolute, mm for prismatic ones); without a word it is SI. A `unit` that the file states goes before them.
-    """
-    position = joint.position_unit
-    si = {"position": position, "velocity": f"{position}/s", "current": "A", "temperature": "degC"}[quantity]
-    words = (robot.log.units.get(key, "") for key in (f"{joint.kind}_{quantity}", quantity))
-    unit = next((word for word in (unit, *words) if word in UNITS and UNITS[word][0] == UNITS[si][0]), si)
-    signs = robot.log.signs.get("position" if quantity == "velocity" else quantity, (1,) * robot.n_joints)
-    return float(signs[joint.number - 1] * factor(unit) * robot.log.conversion(quantity, joint.number).scale)
-
-
 def as_named(schema: Sequence[LogColumn], robot: Robot) -> tuple[Robot, list[Note]]:
     """The robot with the `log` that reads a file: as its names say without doubt, where the recipe says nothing.
 
@@ -582,7 +565,7 @@ def _faults(
     where = Where(file=name, row=1)
     if missing:
         what = f"{name} has no column {listed(missing)}; it has {listed(header, 12)}"
-        mend = _mend(header, robot, missing)
+        mend = offered(header, robot, missing)
         joints = [column.joint for column in schema if column.joint]
         if joints and not any(name in joint for name in robot.log.names for joint in joints):
             mend = (
@@ -606,23 +589,3 @@ def _faults(
         for column in wanted["extra"]
         if column not in header or column in currents
     ]
-
-
-def _mend(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
-    naming, _ = guessed(header, robot)
-    topics = dict.fromkeys(
-        column.rsplit("/", 2)[0] for column in header if column[:1] == "/" and column.endswith("/position")
-    )
-    if naming:
-        block = log_block(naming)
-        more = f" (joint states are there of {listed([*topics])}; log: {{topic: NAME}} says which)"
-        more *= len(topics) > 1
-        more += " (some hold what was wanted: of these the model is the controller's, not the arm's)" * is_wanted(block)
-        return f"if these are the columns meant{more}, put this into the recipe:\n{block}"
-    # What the recipe names already is no other quantity.
-    named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
-    free = [column for column in header if column not in named]
-    near = {column: nearest(column, free, cutoff=ALIKE) for column in missing[:3]}
-    hints = [f"the nearest to {column} is {name}" for column, name in near.items() if name]
-    text = "name this file's columns in the recipe's log block (pumaid init shows one)"
-    return "; ".join([*hints, f"{text}; write {{name}} for a joint's name, which log_name states if it is another"])

@@ -17,7 +17,7 @@ import numpy as np
 
 from pumaid.dataset import Log
 from pumaid.errors import ResultError, Where
-from pumaid.io.log_reader import factor_of
+from pumaid.io.column_names import factor_of
 from pumaid.io.paths import is_log
 from pumaid.robot import QUANTITIES, Joint, Robot
 from pumaid.units import factor

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from pumaid.errors import listed
-from pumaid.io.column_names import log_block, words_of
+from pumaid.io.column_names import factor_of, log_block, words_of
 from pumaid.io.log_form import preset_formats
-from pumaid.io.log_reader import factor_of
 from pumaid.maths import Floats
 from pumaid.preprocessing.encodings import AN_OCTAVE, MISREAD, OCTAVES, SHARE, lost_sign
 from pumaid.preprocessing.log_statistics import WINDOW, LogStatistics

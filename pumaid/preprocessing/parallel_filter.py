@@ -249,7 +249,7 @@ def cells(time: Floats, position: Floats, current: Floats, *, body: RigidBody, l
 
 
 def bandwidth(current: Floats, step: float) -> float:
-    """Hz at which a filter ended (N, J) currents, one every `step` s: rates hold no noise or jump of friction beyond."""
+    """Hz at which a filter ended (N, J) currents, one every `step` s: beyond, rates have no noise or jump."""
     rate = np.diff(np.nan_to_num(current), axis=0)
     power = np.abs(np.fft.rfft(np.hanning(len(rate))[:, None] * rate, axis=0)) ** 2
     beyond = np.cumsum(power[::-1], axis=0)[::-1]

@@ -14,7 +14,7 @@ from pumaid.effects.curve import SEGMENTS
 from pumaid.effects.formula import filled
 from pumaid.exports import Form, Subject, head, rendered, title
 from pumaid.exports.formulas import Lack
-from pumaid.io.log_reader import factor_of
+from pumaid.io.column_names import factor_of
 from pumaid.maths import Floats
 from pumaid.results.documents import as_text
 
