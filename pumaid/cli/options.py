@@ -48,7 +48,6 @@ force_option = click.option("--force", is_flag=True, help="Replace what is there
 
 
 def _picture(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
-    """Refuse a name that ends as no picture does, before anything is computed."""
     if path is not None and path.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise click.BadParameter(f"{path} is no .png, .svg or .pdf", context, option)
     return path

@@ -137,7 +137,6 @@ def _scored(solved: Fit, term: EffectTerm) -> ScoreTest | None:
 
 
 def _hat_scores(projector: Projector, term: EffectTerm) -> tuple[Floats, Floats, Floats]:
-    """(R, K) scores, (K, K) information and (K,) squares of the hats of a form."""
     columns = projector.columns([term])
     scores, information, raw = projector.scores(projector.whitened(columns), columns[term.number].shape[1])
     return scores, information[0], raw

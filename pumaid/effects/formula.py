@@ -182,7 +182,6 @@ def _way(robot: Robot, samples: Samples, owner: int) -> Floats:
 
 
 def _friction(robot: Robot, samples: Samples, joint: int) -> Floats:
-    """(M,) A of Coulomb and viscous friction of a joint (from 1) by the model so far."""
     v, (dry, viscous) = robot.shaft_velocity(samples.velocity)[:, joint - 1], loads_of(samples).rubs[:, joint - 1]
     ways = np.column_stack([v > 0.0, v < 0.0])
     return np.asarray(ways @ dry + (ways @ viscous) * v)

@@ -168,7 +168,6 @@ class Setups:
         return other_units(self.robot, "position", "rad", fits=lambda size: abs(scale / size - 1.0) < UNIT_MATCH)
 
     def _cost(self, after: dict[int, float]) -> float:
-        """Mean logarithm of the errors of all joints, over those under the recipe."""
         return float(np.mean([np.log(max(after[k], 1e-12) / max(self.before[k], 1e-12)) for k in after]))
 
     def _reread(self) -> Iterator[Setup]:

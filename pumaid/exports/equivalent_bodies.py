@@ -102,7 +102,6 @@ def bodies(formulas: Formulas, given: Mapping[int, float] | None) -> Bodies:
 
 
 def _balls(masses: Floats, centres: Floats, radius: Floats | float) -> Floats:
-    """(J, 11) parameters of balls, without rotors."""
     tensors = np.outer(0.4 * masses * np.square(radius), [part[0] == part[1] for part in PARAMETERS[4:10]])
     return of_bodies(masses, centres, tensors)
 
@@ -188,7 +187,6 @@ def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
 
 
 def _links(robot: Robot, wanted: Floats, *, carried: Floats) -> tuple[Floats, Floats]:
-    """(J,) masses and (J, 3) centres of mass, tip to base."""
     n, absent = robot.n_joints, minimal(robot).absent
     unfelt = [f"gravity.l{joint.number}.x" in absent for joint in robot.joints]
     turns = robot.is_revolute

@@ -30,7 +30,6 @@ _DIMENSIONS = {
 
 
 def _template(template: str, info: ValidationInfo) -> str:
-    """A column template: {joint}, {joint0} or {name} stands in it, but for the time."""
     is_time, has_joint = info.field_name == "time", re.search(r"\{(joint|name)", template) is not None
     is_one = not has_joint and len(arm_of(info).names) > 1
     if not _TEMPLATE.fullmatch(template) or (has_joint if is_time else is_one):

@@ -116,7 +116,6 @@ def is_log(path: str) -> bool:
 
 
 def _order(path: str) -> list[list[tuple[int, int, str]]]:
-    """Files of a folder stay together, and run_2 comes before run_10."""
     parts = [re.findall(r"(\d+)|(\D+)", part) for part in PurePath(path).parts]
     return [[(0, int(digits), "") if digits else (1, 0, text) for digits, text in part] for part in parts]
 

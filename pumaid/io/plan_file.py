@@ -171,7 +171,6 @@ class PlanForm(StrictForm):
 
 
 def _units(robot: Robot, angle: str) -> list[tuple[str, float]]:
-    """By joint, a plan's unit of its position, and SI per unit."""
     return [(angle, factor(angle)) if joint.is_revolute else ("m", 1.0) for joint in robot.joints]
 
 
@@ -488,7 +487,6 @@ def ros2_trajectory(plan: Plan, robot: Robot) -> str:
 
 
 def _comment(motion: Motion, robot: Robot) -> str:
-    """A run in a comment: ``joint 3 (elbow) from -125 to 125 deg at 30 deg/s, fit``."""
     joint = robot.joint(motion.joint)
     unit, scale = _units(robot, "deg")[motion.joint - 1]
     start, end, speed = (f"{value / scale + 0.0:.6g}" for value in (motion.start, motion.end, motion.velocity))

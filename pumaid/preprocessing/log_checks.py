@@ -94,7 +94,6 @@ def findings(sums: LogStatistics) -> list[LogError | Note]:
 
 
 def _each(predicate: Callable[[JointSignals], object]) -> Callable[[LogStatistics], Found]:
-    """A test of each joint by itself."""
     return lambda sums: ({"joint": j.joint.number, "j": j} for j in signals_of(sums) if predicate(j))
 
 

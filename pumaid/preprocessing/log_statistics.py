@@ -247,7 +247,6 @@ def _counts(flags: Flags, starts: Counts) -> Counts:
 
 
 def _largest(total: Counter[float], values: Floats) -> Counter[float]:
-    """The two largest of counted levels and of (N,) values, and how often each occurs."""
     for _ in range(2):
         level = values.max(initial=-math.inf)
         total = total + Counter({float(level): int(np.count_nonzero(values == level))})

@@ -260,7 +260,6 @@ class _Session:
         return position, velocity, drawn, np.round(temperature / _TEMPERATURE_STEP) * _TEMPERATURE_STEP
 
     def _delayed(self, current: Floats) -> Floats:
-        """(N, J) A as they are stamped, late; the session's first sample stands for all before it."""
         longest = int(np.ceil(np.max(self._delays) * self._rate)) + 1
         before = self._late if len(self._late) else np.tile(current[:1], (longest, 1))
         joined, out = np.concatenate([before, current]), current.copy()

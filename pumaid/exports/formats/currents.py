@@ -84,7 +84,6 @@ class Language:
         return rendered(self.templates, values), formulas.left_out
 
     def _table(self, values: Floats) -> str:
-        """Numbers, none rounded, rows on lines of their own."""
         start, end, between = self.brackets
         rows = [", ".join(map(repr, row)) for row in np.atleast_2d(values).tolist()]
         if values.ndim == 1:

@@ -171,7 +171,6 @@ def write_into(formulas: Formulas, text: str, name: str, *, given: Mapping[int, 
 
 
 def _tags(text: str, tag: str, *span: int) -> Iterator[re.Match[str]]:
-    """Start tags outside comments, as group 1."""
     pattern = re.compile(rf"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|(<{tag}\b(?:[^>"']|"[^"]*"|'[^']*')*>)""", re.DOTALL)
     return (match for match in pattern.finditer(text, *span) if match[1])
 

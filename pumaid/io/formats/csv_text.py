@@ -228,7 +228,6 @@ class CsvLog(LogSource):
         return np.array(rows).reshape(len(names), -1)
 
     def _judge(self, last_row: float) -> None:
-        """A cut last row is a recording that was stopped; any other is a damaged file."""
         if not self._ragged:
             return
         size, (line, count) = len(self._dialect.header), self._ragged[0]
@@ -258,7 +257,6 @@ class CsvLog(LogSource):
 
 
 def _single_spaced(stream: Any) -> Any:
-    """Text in which runs of spaces and tabs are one space, and none stand at the ends of lines."""
     import pyarrow as pa
 
     rest = b""

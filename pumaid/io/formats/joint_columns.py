@@ -88,7 +88,6 @@ class JointColumns:
         }
 
     def _leaves(self, columns: Mapping[int, Any], stems: Iterable[str]) -> Iterator[tuple[str, tuple[str, ...], Any]]:
-        """As `leaves`, of some lists; with the lists that make each column."""
         arrays = {stem: self._array(stem, [columns[k] for k in self._lists[stem]]) for stem in stems}
         beside = {stem: "name" if stem == self._names else _split(stem)[1] for stem in arrays if self._is_beside(stem)}
         keys = {key: stem for stem, key in beside.items()}
@@ -115,7 +114,6 @@ def _number(cell: str) -> float:
 
 
 def _split(stem: str) -> tuple[str, str]:
-    """``field.position`` is ``field`` and ``position``."""
     path, _, key = stem.replace(".", "/").rpartition("/")
     return path, key
 

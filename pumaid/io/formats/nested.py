@@ -55,7 +55,6 @@ def table(columns: Mapping[str, Any], names: Sequence[str], file: str) -> Floats
 
 
 def _numbers(column: Any, name: str, file: str) -> Floats:
-    """(N,) float64 of an Arrow column; time stamps and durations in their unit."""
     import pyarrow as pa
 
     if log_column(name, column.type).unit:
