@@ -364,7 +364,7 @@ def spectrum(
     back = noise.unwhiten(bins, white) * grid.usable[bins.run]
     per_rad = grid.points * (grid.frequency[1] - grid.frequency[0]) / (2.0 * np.pi)
     place = grid.place - delay * per_rad * bins.samples.velocity[:, bins.joint - 1] * grid.usable[bins.run]
-    place += 1.0 - min(float(place.min()), 1.0)
+    place -= (1.0 + 1e-9) * min(float(place.min()) - 1.0, 0.0)  # on the grid again, whatever is rounded
     shared = _shared(place, back, piece=grid.piece, points=int(place.max()) + 3)
     scores = np.conj(fft.rfft(shared, n=grid.points, axis=1)[:, grid.chosen])
     scores *= grid.turn / np.float32(scale)

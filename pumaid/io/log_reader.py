@@ -53,8 +53,9 @@ _GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.05
 _JITTER_SECONDS, _JITTER_SHARE = 0.005, 0.1
 #: Share by which another clock may go faster or slower than the one that is read.
 _DRIFT = 0.02
-#: Least steps of its position that a joint must move before and after a row for this not to stand by chance.
-_SURELY_MOVES = 3.0
+#: Least steps of its position that a joint must move before and after a row for this not to stand by chance. Share of
+#: rows below which a few that were read twice do no harm.
+_SURELY_MOVES, _FEW = 3.0, 1.0 / 64.0
 #: The entry of the rows that have a fault in any column.
 _ANY = ""
 
@@ -422,7 +423,8 @@ class Cleaner:
         moves = (np.minimum(steps[:, 1:], steps[:, :-1]) > least).any(axis=0) & (repeats > 0)
         # As many as that stand where it turns round, too; at rest what is read may stay the same for long.
         usual = 2.0 * np.median(repeats[moves]) if moves.any() else 0.0
-        return out & np.repeat(moves | (repeats <= usual), repeats + 1)
+        out &= np.repeat(moves | (repeats <= usual), repeats + 1)
+        return out & (out.mean() > _FEW)
 
     def _unwrap(self, rows: Counts, table: Floats, before: Floats | None) -> None:
         """Take whole turns out of jumps that no motion explains, in place."""
