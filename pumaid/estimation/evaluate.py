@@ -309,7 +309,7 @@ class JointPrediction:
         return {
             "joint": self.bins.joint,
             "runs": int(self.counted.sum()),
-            "samples": int(self.samples[self.counted].sum()),
+            "samples": round(float(self.samples[self.counted].sum())),
             "rmse": rmse([(self, self.counted)]),
             "noise_floor": floor,
             "noise_floor_reason": why,

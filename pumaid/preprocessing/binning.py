@@ -315,7 +315,7 @@ def block_runs(log: Log, time: Floats, body: RigidBody, *, length: float | None 
                         kind=BLOCK,
                         span=(float(moving.min()), float(moving.max())),
                         speed=speed,
-                        samples=int(bins.count.sum()),
+                        samples=round(float(bins.count.sum())),
                     )
                 )
     return runs

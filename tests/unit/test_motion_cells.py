@@ -137,6 +137,7 @@ def test_ripples_that_cells_average_away_are_fitted_in_their_parts(seed, cell):
     assert before.joint(1).rmse == pytest.approx(np.hypot(0.1, 0.1 / np.sqrt(2.0)), rel=0.05)
     # What parts of 12 ms average away of it is modelled, too.
     assert after.joint(1).rmse == pytest.approx(0.1, rel=0.05)
+    assert after.joint(1).samples == before.joint(1).samples  # else history does not compare them
     assert after.joint(1).noise_inside == pytest.approx(0.1, rel=0.05)
     for value in before.values:
         if value.std_error is not None and values[value.name].value is not None:
