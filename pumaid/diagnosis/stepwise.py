@@ -451,7 +451,6 @@ class Stepwise:
         )
 
     def _chance(self, table: ScoreTable, grid: ScoreTest, on: Fit, *, trial: ScoreTest, chances: SignFlips) -> float:
-        """Of a candidate among all, by flips of whole runs and, where these are few, of their pieces."""
         chance, effect = chances.p_value(grid.added.key, grid.surprise(on.scale)), trial.added.effect
         if effect.scope is not Scope.JOINT:
             return chance  # what several joints feel is as free in pieces of all their runs as gravity is

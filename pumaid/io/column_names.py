@@ -266,6 +266,11 @@ def offered(header: Sequence[str], robot: Robot, missing: Sequence[str]) -> str:
         more *= len(topics) > 1
         more += " (some hold what was wanted: of these the model is the controller's, not the arm's)" * is_wanted(block)
         return f"if these are the columns meant{more}, put this into the recipe:\n{block}"
+    if timed := guessed(["t", *header], robot)[0]:
+        seconds = (
+            "none of them is a time: put the seconds of each row in front, as column t (0, 0.01, 0.02 ... at 100 Hz)"
+        )
+        return f"{seconds}, and this into the recipe:\n{log_block(timed)}"
     # What the recipe names already is no other quantity.
     named = {robot.log.time, *(robot.log.column(q, joint.number) for q in QUANTITIES for joint in robot.joints)}
     free = [column for column in header if column not in named]

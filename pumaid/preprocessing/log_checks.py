@@ -167,7 +167,6 @@ def _other_unit(
 
 
 def _units_disagree(sums: LogStatistics) -> Found:
-    """The derivative of position against the velocity column, by a factor between two units."""
     for j in signals_of(sums):
         changes, speeds = j.unit_changes()
         if changes or speeds:

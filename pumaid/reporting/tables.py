@@ -152,7 +152,6 @@ def row_of(value: Value) -> tuple[str, str]:
 
 
 def _value_cell(value: Value | None, units: str, marks: dict[str, str], *, scale: float = 1.0) -> Cell:
-    """A value times `scale` with its error, ``n/i`` with the mark of its reason, or a dash."""
     if value is None or (value.value is None and is_structural(value)):
         return NONE
     if value.value is None:

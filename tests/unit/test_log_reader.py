@@ -329,6 +329,7 @@ REFUSED = {
         "bad-samples",
         "50 of 100",
     ),
+    "no time": ("q_0,tau_0\n0,0\n1,0\n", "column-missing", "none of them is a time"),
     "no current": ("t,q1,i1\n0,0,\n1,0,\n", "column-missing", "are empty (i1)"),
     "time of no unit": ("t,q1,i1\n1700000000000000000000,0,1\n1700000000001000000000,0,1\n", "bad-samples", "t in 2"),
     "quantities in different rows": (

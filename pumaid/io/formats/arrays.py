@@ -86,7 +86,6 @@ def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _arrays(matrix: bytes, name: str = "") -> Iterator[tuple[str, Any]]:
-    """The arrays in a matrix; dimensions of one are left out."""
     (_, flags), (_, dimensions), (_, title), *parts = _elements(matrix)
     name = name or title.decode()
     shape = np.frombuffer(dimensions, "<i4").tolist()

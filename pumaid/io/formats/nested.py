@@ -107,7 +107,6 @@ def _elements(column: Any, places: Counts) -> Any:
 
 
 def _places_by_name(names: Any) -> Iterator[tuple[str, Counts]]:
-    """Each name in (N,) lists of names, and (N,) its place in them, -1 where it is not there."""
     import pyarrow.compute as pc
 
     sizes = _sizes(names)
