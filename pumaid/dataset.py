@@ -16,7 +16,7 @@ from pumaid.errors import Note, Where, listed
 from pumaid.maths import Counts, Floats
 from pumaid.robot import Payload
 
-#: (Joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved.
+#: (Joint from 1, or 0 for the whole arm; clock) -> s on that clock at which it first moved (the arm in any recording).
 FirstMotions = Mapping[tuple[int, int], float]
 
 
@@ -330,6 +330,11 @@ def finite_means(values: Floats, starts: Counts, count: Counts | None = None) ->
 
 
 def first_motions(runs: Iterable[Run]) -> FirstMotions:
-    """When joints first moved, by all runs of the logs, held-out ones too."""
-    starts = [((joint, run.clock), run.start) for run in runs for joint in (0, run.joint)]
-    return dict(sorted(starts, key=itemgetter(1), reverse=True))  # of equal keys the last one stays: the earliest
+    """When joints first moved, by all runs, held-out ones too; the arm's own time goes on from log to log."""
+    chosen, past = list(runs), 0.0
+    starts = [((joint, run.clock), run.start) for run in chosen for joint in (0, run.joint)]
+    out = dict(sorted(starts, key=itemgetter(1), reverse=True))  # of equal keys the last one stays: the earliest
+    for clock in sorted({run.clock for run in chosen}):
+        last = max(run.start + run.duration for run in chosen if run.clock == clock)
+        out[0, clock], past = out[0, clock] - past, past + last - out[0, clock]
+    return out

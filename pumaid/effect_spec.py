@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pumaid.effects import Effect, Parameter, Samples, Scope, Shape, catalogue
+from pumaid.effects.formula import GAMMAS, names_in
 from pumaid.errors import ModelError, Where, meant
 from pumaid.estimate import GIVEN, Estimate
 from pumaid.maths import Floats
-from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot, read_choice, worded
+from pumaid.robot import SHAPE_WORDS, EffectChoice, Robot, of_point, read_choice, worded
 
 #: What to do where an effect is not known that may be a user's own.
 OWN = "an effect from a file of your own needs that file each time: --effects FILE.py"
@@ -69,6 +70,11 @@ class EffectTerm:
         return self.effect.needs_loads and self.shape.get("of") in (None, SHAPE_WORDS["of"].index("load"))
 
     @property
+    def is_carried(self) -> bool:
+        """Whether the last link carries it: its columns are in that joint's gain, as a link's are."""
+        return not names_in(self.effect.formula).isdisjoint(GAMMAS)
+
+    @property
     def number(self) -> int:
         """Owner: joint or link from 1, 0 for the whole arm."""
         return self.joint or 0
@@ -106,11 +112,11 @@ class EffectTerm:
                 name=f"{effect.name}.{letter}{item.name}{self.mark}",
                 symbol=(item.symbol.format(n=number) if isinstance(item, Parameter) else item.name) + self.mark,
                 unit=item.unit,
-                owner=number,
+                owner=robot.n_joints if self.is_carried else number,
                 effect=effect.name,
                 place=place,
                 shape=item.name if is_shape else None,
-                scope=effect.scope,
+                scope=Scope.LINK if self.is_carried else effect.scope,
                 span=math.inf if is_shape else item.high - item.low,
                 deviation=self.shape.get("spread") if item.name.startswith("bend") else None,
             )
@@ -120,6 +126,9 @@ class EffectTerm:
         if not self.touches(samples.joint):
             return np.zeros((len(samples), len(self.effect.parameters(robot, self.number))))
         shape = self.shape if shape is None else shape
+        if self.is_carried and self.sizes:
+            bodies = samples.bodies @ of_point(robot, self.sizes[0], np.array(self.sizes[1:]))
+            samples = replace(samples, bodies=bodies)
         columns = self.effect.columns(robot, samples, number=self.number, shape=shape)
         return columns if np.isfinite(columns.sum()) else np.nan_to_num(columns)
 

@@ -14,6 +14,7 @@ from pumaid.effects import Extent, Samples
 from pumaid.maths import Counts, Flags, Floats
 from pumaid.preprocessing.differentiate import acceleration
 from pumaid.preprocessing.replicates import LASTS, first_made, replicates
+from pumaid.rigid_body import of_body, of_last_link
 from pumaid.robot import Robot, posture_groups
 
 #: Bins a run at which slow effects are looked for: 64 periods of a position-dependent effect, four times finer than
@@ -289,6 +290,14 @@ def joint_bins(
         width = max((part.shape[1] for part in asked if part is not None), default=0)
         body = [np.full((n, width), np.nan) if a is None else a for a, n in zip(asked, lengths, strict=True)]
         rows = np.concatenate(body) if width else None
+        pull = np.zeros((robot.n_joints, len(samples)))
+        pull[joint - 1] = samples.acceleration * np.repeat([run.accelerates for run in chosen], lengths)
+        bodies = of_body(robot, joint, (samples.position.T, 0.0 * pull, pull))
+        if rows is not None:
+            values, constants = (part[:, :10] for part in of_last_link(robot))
+            asked_there = rows @ values + constants[joint - 1]
+            bodies = np.where(np.isfinite(asked_there), asked_there, bodies)
+        samples = replace(samples, bodies=bodies)
         out.append(
             JointBins(joint, chosen, samples, current, count.astype(float), inside, first, np.array(steps), rows)
         )
@@ -350,6 +359,10 @@ def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -
     times = [part.samples.time if len(parts) == 1 and joint else part.samples.elapsed for part in parts]
     positions = [part.samples.position[:, part.joint - 1] for part in parts]
     currents = [part.current if drawn is None else drawn for part in parts]
+    starts = [
+        t[part.is_block[part.run] | np.isin(np.arange(len(t)), part.first)]
+        for part, t in zip(parts, times, strict=True)
+    ]
     widths = [[abs(run.span[1] - run.span[0]) / max(len(run.bins), 1) for run in part.runs] for part in parts]
     return Extent(
         joint=joint or None,
@@ -357,7 +370,7 @@ def extent(bins: Sequence[JointBins], joint: int, drawn: Floats | None = None) -
         position=(min(float(q.min()) for q in positions), max(float(q.max()) for q in positions)),
         finest=2.0 * min(float(np.median(width)) for width in widths),
         travel=max(float(part.samples.travel.max()) for part in parts),
-        starts=tuple(sorted(float(t) for part, time in zip(parts, times, strict=True) for t in time[part.first])),
+        starts=tuple(np.unique(np.concatenate(starts)).tolist()),
         duration=max(float(time.max()) for time in times),
         current=max(float(np.abs(current).max()) for current in currents),
     )

@@ -17,8 +17,8 @@ from pumaid.effects.formula import swept
 from pumaid.estimate import Estimate
 from pumaid.joint_bins import JointBins
 from pumaid.maths import Flags, Floats, Recursion, independent
-from pumaid.rigid_body import PARAMETERS, base_parameters, base_values, of_payload, point_mass, weight_name
-from pumaid.robot import Payload, Robot
+from pumaid.rigid_body import base_parameters, of_body, of_payload, weight_name
+from pumaid.robot import Robot
 
 #: Name of the columns of what a rigid body has beside weight.
 INERTIA = "inertia"
@@ -249,9 +249,8 @@ class Model:
             out[np.ix_(rows, self.inertial)] = bins.rigid_body[rows // k]
         for payload in {run.payload for run in bins.runs if self.scaled and run.payload}:
             rows = np.repeat([run.payload == payload for run in bins.runs], k * bins.lengths)
-            parameters, constants = self._asked_by(payload)
             place = max(bins.joint, self.scaled) - self.robot.n_joints - 1
-            out[rows, place] = out[rows] @ parameters + constants[bins.joint - 1]
+            out[rows, place] = nodes.bodies[rows] @ of_payload(payload)[:10]
         return out
 
     def known_load(self, bins: JointBins, weights: Floats, *, at_nodes: bool = False) -> Floats:
@@ -259,20 +258,6 @@ class Model:
         is_known = np.array([column.effect == KNOWN_LOAD for column in self._base])
         base = self._base_at_nodes(bins) if at_nodes else self._base_means(bins)
         return np.asarray(base[:, is_known] @ weights[: len(is_known)][is_known])
-
-    def _asked_by(self, payload: Payload) -> tuple[Floats, Floats]:
-        """(b,) parameters of links, in N m for A, that ask of every joint what a point mass on the last link does; and
-        (J,) N more of those that slide: a weight that is the same in every posture is Coulomb friction's in the model.
-        """
-        links, still = np.zeros((self.robot.n_joints, len(PARAMETERS))), np.zeros((self.robot.n_joints, 1))
-        links[-1] = of_payload(payload)
-        values = base_values(self.robot, links)
-        named = {part.name: value for part, value in zip(body_columns(self.robot), values.tolist(), strict=True)}
-        parameters = np.array([named.get(column.name, 0.0) for column in self._base])
-        resting = [Samples(n, still.T, still.T, np.zeros(1), np.ones(1)) for n in range(1, len(links) + 1)]
-        weighed = np.array([(self.base(samples) @ parameters)[0] for samples in resting])
-        beside = point_mass(self.robot, payload, (still, still, still))[:, 0] - weighed
-        return parameters, np.where(self.robot.is_revolute, 0.0, beside)
 
     def base(
         self, samples: Samples, scopes: Sequence[Scope] = (Scope.LINK, Scope.JOINT), out: Floats | None = None
@@ -324,6 +309,9 @@ class Model:
         """(M, e) the columns of chosen effects, in the order in which they come after the paper's model."""
         places = np.array([column.place for column in self.columns[len(self._base) :]], dtype=int)
         out = np.zeros((len(samples), len(places)))
+        if not len(samples.bodies):
+            still = 0.0 * samples.position.T
+            samples = replace(samples, bodies=of_body(self.robot, samples.joint, (samples.position.T, still, still)))
         for place, term in enumerate(self.effects):
             if term.touches(samples.joint):
                 out[:, places == place] = term.columns(self.robot, samples)
@@ -349,7 +337,7 @@ def outermost_loaded(robot: Robot, runs: Sequence[Run]) -> int:
     for run, payload in ((run, run.payload) for run in runs if run.payload):
         position = np.nan_to_num(run.posture)[:, None] + np.zeros((1, len(run.bins)))
         position[run.joint - 1] = run.bins.position[:, run.joint - 1]
-        torque = point_mass(robot, payload, (position, 0.0 * position, 0.0 * position))[run.joint - 1]
+        torque = of_body(robot, run.joint, (position, 0.0 * position, 0.0 * position)) @ of_payload(payload)[:10]
         peaks[run.joint - 1] = max(peaks[run.joint - 1], float(np.abs(torque).max()))
     felt = np.flatnonzero(peaks > FELT * peaks.max()) if peaks.any() else [robot.n_joints - 1]
     return int(felt[-1]) + 1 if any(run.payload for run in runs) else 0
@@ -375,12 +363,10 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
     In other runs all joints but the moving one stand, so that a few instants say what they are at all.
     """
     samples, times = (bins.nodes[0], bins.nodes[1].shape[1]) if at_nodes else (bins.samples, 1)
-    n, turns, gains = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute, np.zeros(0)
+    n, turns = model.robot.n_joints, model.robot.joint(samples.joint).is_revolute
 
     def table(knots: Samples) -> Floats:
-        nonlocal gains
         knot = loads(model, knots, solution=solution, scales=scales)
-        gains = knot.gains
         return np.column_stack([knot.moving, knot.across**2, knot.tilts, knot.by_joint, knot.slopes])
 
     values = swept(samples, times * bins.lengths, table, turns=turns)
@@ -395,7 +381,7 @@ def loads_at(model: Model, bins: JointBins, *, solution: Floats, scales: Floats,
     if model.scaled:
         moving = moving + model.known_load(bins, weights, at_nodes=at_nodes)
     drawn, rubs = moving + model.friction(samples, solution), model.rubs(solution)
-    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, rate, gains, rubs)
+    return Loads(moving, elsewhere, slopes, tilts, np.sqrt(np.maximum(across[:, 0], 0.0)), drawn, rate, rubs)
 
 
 def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -> Loads:
@@ -432,11 +418,8 @@ def loads(model: Model, samples: Samples, *, solution: Floats, scales: Floats) -
     else:
         tilts = np.column_stack([-(z[:, i] @ way) * weights[i] for way in turned])
         across = np.zeros(len(samples))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        back = np.where(scales[:, i] != 0.0, 1.0 / scales[:, i], np.nan)
-    gains = np.where(np.arange(len(scales)) < i, back, scales[i])  # eta_i / eta_k
     drawn, rate = load + model.friction(samples, solution), slopes[:, i] * samples.velocity[:, i]
-    return Loads(load, elsewhere, slopes, tilts, across, drawn, rate, gains, model.rubs(solution))
+    return Loads(load, elsewhere, slopes, tilts, across, drawn, rate, model.rubs(solution))
 
 
 #: Instants beyond which their axes are not kept: all that are take 0.2 GB on six joints.

@@ -9,7 +9,7 @@ import numpy as np
 from pumaid.effects import Samples
 from pumaid.effects.gravity import Gravity
 from pumaid.maths import Floats, independent
-from pumaid.robot import Payload, Robot
+from pumaid.robot import Payload, Robot, steiner
 
 #: Parameters of a link, in its joint's frame: mass (kg), first moments (kg m), moments and products of inertia about
 #: the frame's origin (kg m2), and the inertia of the rotor as the joint feels it.
@@ -68,12 +68,12 @@ class RigidBody:
         return rows
 
 
-def point_mass(robot: Robot, payload: Payload, motion: tuple[Floats, Floats, Floats]) -> Floats:
-    """(J, N) N m, or N, that a point mass on the last link asks of each joint; `motion` are (J, N) positions, rates and
-    accelerations.
+def of_body(robot: Robot, joint: int, motion: tuple[Floats, Floats, Floats]) -> Floats:
+    """(N, 10) N m, or N, that a unit of each parameter of the last link's body asks of a joint (from 1).
+
+    `motion` are (J, N) positions, rates and accelerations.
     """
-    tip = RigidBody(robot, (*([()] * (robot.n_joints - 1)), tuple(range(len(PARAMETERS)))))
-    return np.array([of_payload(payload) @ rows for rows in tip.rows(*motion)])
+    return RigidBody(robot, (*([()] * (robot.n_joints - 1)), tuple(range(10)))).row(joint, motion).T
 
 
 def of_bodies(
@@ -87,12 +87,6 @@ def of_bodies(
 def of_payload(payload: Payload) -> Floats:
     """(11,) parameters of a point mass."""
     return of_bodies(np.array(payload[:1]), np.array([payload[1:]]))[0]
-
-
-def steiner(masses: Floats, centres: Floats) -> Floats:
-    """(J, 6) kg m2 that masses at their centres have about the origins: xx, xy, xz, yy, yz, zz."""
-    x, y, z = centres.T
-    return np.asarray(masses * [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]).T
 
 
 #: One link in its own axes: angular velocity and acceleration, acceleration of the origin less gravity, (3, N); and how
@@ -210,7 +204,7 @@ def whole(robot: Robot) -> RigidBody:
 
 
 def asked(robot: Robot, parameters: Floats, motion: tuple[Floats, Floats, Floats]) -> Floats:
-    """(J, N) N m, or N, that links of these parameters (J, 11) ask of each joint; `motion` as in `point_mass`."""
+    """(J, N) N m, or N, that links of these parameters (J, 11) ask of each joint; `motion` as in `of_body`."""
     return np.array([parameters.ravel()[-len(rows) :] @ rows for rows in whole(robot).rows(*motion)])
 
 
@@ -231,6 +225,20 @@ def base_values(robot: Robot, parameters: Floats) -> Floats:
     """(P,) values of the base parameters of links of parameters (J, 11)."""
     values, mixed = regrouping(robot)[0] @ parameters.ravel(), base_parameters(robot).mixed
     return values if mixed is None else np.asarray(np.linalg.solve(mixed, values))
+
+
+@lru_cache(maxsize=32)
+def of_last_link(robot: Robot) -> tuple[Floats, Floats]:
+    """(P, 11) values of the base parameters per unit of each parameter of the last link.
+
+    And (J, 11) N more that these ask of joints that slide: a weight that is the same in every posture.
+    """
+    links, still = np.zeros((robot.n_joints, len(PARAMETERS))), np.zeros((robot.n_joints, 1))
+    units = [np.vstack([links[1:], unit]) for unit in np.eye(len(PARAMETERS))]
+    values = np.array([base_values(robot, unit) for unit in units]).T
+    felt = [rows[:, 0] @ values[-len(rows) :] for rows in base_parameters(robot).rows(still, still, still)]
+    beside = np.array([asked(robot, unit, (still, still, still))[:, 0] for unit in units]).T - felt
+    return values, np.where(robot.is_revolute[:, None], 0.0, beside)
 
 
 def _random_rows(robot: Robot) -> tuple[Floats, Floats]:

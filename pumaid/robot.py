@@ -4,6 +4,7 @@ Frames by roll, pitch and yaw or by an axis, and postures that are near one anot
 """
 
 import hashlib
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -224,6 +225,11 @@ class Robot:
         return _placements(self.joints)
 
     @property
+    def length(self) -> float:
+        """m that its links reach if stretched; infinite where the geometry gives them none."""
+        return float(np.linalg.norm(self.placements[:, :3, 3], axis=1).sum()) or math.inf
+
+    @property
     def is_revolute(self) -> Flags:
         """(J,) whether each joint turns."""
         return np.array([joint.is_revolute for joint in self.joints])
@@ -274,6 +280,25 @@ class Robot:
     def displacements(self, position: Floats) -> Floats:
         """(N, J) m along each z, for (N, J) measured positions: the lever arms of what slides."""
         return np.where(self.is_revolute, 0.0, position) + np.array([joint.d for joint in self.joints])
+
+
+def steiner(masses: Floats, centres: Floats) -> Floats:
+    """(J, 6) kg m2 that masses at their centres have about the origins: xx, xy, xz, yy, yz, zz."""
+    x, y, z = centres.T
+    return np.asarray(masses * [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]).T
+
+
+def of_point(robot: Robot, mass: float, moments: Floats) -> Floats:
+    """(10, 4) what of each parameter of a body a point on the last link has per unit of mass and of first moments (3,).
+
+    Of its inertia, which is their square over the mass, the tangent where they are, so that all of it is theirs by
+    Euler; none where they are no point within the arm's own length.
+    """
+    out, axes, place = np.eye(10, 4), np.eye(3), np.asarray(moments) / (mass or np.inf)
+    if np.linalg.norm(place) <= robot.length:
+        out[4:, 0] = -steiner(np.ones(1), place[None])[0]
+        out[4:, 1:] = 0.5 * (steiner(np.ones(3), place + axes) - steiner(np.ones(3), place - axes)).T
+    return out
 
 
 @lru_cache(maxsize=64)

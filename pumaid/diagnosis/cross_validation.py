@@ -161,7 +161,7 @@ def confirmed_share(last: Fit, added: EffectTerm, heldout: Sequence[JointBins]) 
     held, sums = np.zeros_like(last.inverse), np.zeros((2, len(is_effect)))
     drawn2, shared = 0.0, 0.0
     for row in (elsewhere(last, bins) for bins in heldout if bins.joint in last.by_bin):
-        drawn = row.noise.whiten(row.bins, added.linear(last.model.robot, row.bins.samples) @ last.sizes(place))
+        drawn = row.noise.whiten(row.bins, last.linear(added, row.bins.samples) @ last.sizes(place))
         held += row.jacobian.T @ row.jacobian
         sums += np.vstack([drawn, row.residual]) @ row.jacobian
         drawn2, shared = drawn2 + float(drawn @ drawn), shared + float(drawn @ row.residual)

@@ -576,7 +576,7 @@ def diagnose(
     search.run()
     builder = DiagnosisBuilder(search, reopened(estimate), fitted)
     clocks = len({run.clock for run in runs})
-    text = f"the logs have {clocks} clocks, each starting anew: effects of time are judged within a clock only"
+    text = f"the logs have {clocks} clocks, each starting anew: effects of time but payloads are judged within one only"
     several = [Note("several-clocks", text)] * (clocks > 1)
     fits = {fit.joint: fit for fit in estimate.joints if is_fitted_to(estimate, dataset)}
     causes = sorted((note for note in estimate.notes if note.slug in CAUSES), key=lambda note: CAUSES.index(note.slug))

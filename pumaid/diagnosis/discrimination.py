@@ -170,7 +170,7 @@ def _columns(fit: Fit, row: FitRow, terms: Sequence[EffectTerm], *, is_ahead: bo
     if is_ahead and "time" in terms[0].shape:  # what changed at an instant that has passed stays changed
         long = np.full(len(samples), np.inf)
         samples = replace(samples, time=long, elapsed=long)
-    return row.noise.whiten(row.bins, np.hstack([term.linear(fit.model.robot, samples) for term in terms]))
+    return row.noise.whiten(row.bins, np.hstack([fit.linear(term, samples) for term in terms]))
 
 
 def _best_set(
@@ -185,7 +185,7 @@ def _best_set(
     tables = [
         candidates(fit, row.bins.joint)
         for row in fit.joints
-        if any(np.any(term.linear(robot, row.bins.samples)) for term in terms)
+        if any(np.any(fit.linear(term, row.bins.samples)) for term in terms)
     ]
     tried = [candidate for table, _ in tables for candidate in table]
     new = frozenset(hold for _, holds in tables for hold in holds)

@@ -21,7 +21,8 @@ from pumaid.maths import Counts, Floats, by_key, inverse_root, pseudo_inverse
 
 #: Condition beyond which two columns of one candidate are one: their sizes would be told with errors a hundred times
 #: those of their sum. Least share of an information that is left for a residual where few runs feed many parameters.
-SINGULAR, LEAST_FREEDOM = 1e4, 0.25
+#: Directions, all round, in which a body is looked for where it would lie too far.
+SINGULAR, LEAST_FREEDOM, DIRECTIONS = 1e4, 0.25, 2000
 #: Share of the whitened square that no effect takes away but by rounding.
 EXACT = 1e-9
 
@@ -132,6 +133,19 @@ def score_of(
     return ScoreTest(added, statistic, information, sizes, scores, float(share[visible].max()), signs)
 
 
+def as_body(sizes: Floats, information: Floats, farthest: float) -> tuple[Floats, float]:
+    """(4,) the likeliest mass and first moments of a body within `farthest` (m), and their statistic."""
+    if np.linalg.norm(sizes[1:]) <= farthest * abs(sizes[0]):
+        return sizes, float(sizes @ information @ sizes)
+    rng = np.random.default_rng(SEED)
+    bodies = rng.normal(size=(DIRECTIONS, len(sizes))) * (sizes != 0.0)
+    bodies[:, 0] = np.linalg.norm(bodies[:, 1:], axis=1) / farthest
+    along = bodies @ information
+    shares = along @ sizes / np.einsum("kp,kp->k", along, bodies)
+    best = int(np.argmax(shares * (along @ sizes)))
+    return bodies[best] * shares[best], float(shares[best] * (along @ sizes)[best])
+
+
 #: Joints from which on an effect is tried at all of them as one.
 FEWEST_JOINTS = 3
 #: Columns that are scored together: what a processor's cache holds.
@@ -147,10 +161,9 @@ def score_candidates(solved: Fit, tried: Candidates) -> ScoreTable:
     """
     projector, tests = Projector(solved), list[ScoreTest | None]()
     for group in tried.groups.values():
-        steps, width = projector.steps(group), len(group[0].effect.parameters(solved.model.robot, group[0].number))
-        few = len(group) if steps else max(AT_ONCE // width, 1)
-        for part in (group[start : start + few] for start in range(0, len(group), few)):
-            tests += scores_at(projector, part, steps)
+        few = max(AT_ONCE // len(group[0].effect.parameters(solved.model.robot, group[0].number)), 1)
+        for start in range(0, len(group), few):
+            tests += scores_at(projector, group[start : start + few])
     return ScoreTable(solved, tried, tuple(test for test in tests if test is not None))
 
 
@@ -202,16 +215,13 @@ def score_at(projector: Projector, added: EffectTerm) -> ScoreTest | None:
     return scores_at(projector, [added])[0]
 
 
-def scores_at(
-    projector: Projector, terms: Sequence[EffectTerm], steps: Mapping[int, Floats] | None = None
-) -> list[ScoreTest | None]:
-    """The same for several shapes of one effect at once; with `Projector.steps` by one that came before all runs."""
-    solved, made = projector.solved, [terms[0].at({"time": -np.inf})] if steps else terms
-    white = projector.whitened(projector.columns(made))
+def scores_at(projector: Projector, terms: Sequence[EffectTerm]) -> list[ScoreTest | None]:
+    """The same for several shapes of one effect at once."""
+    solved, white = projector.solved, projector.whitened(projector.columns(terms))
     if not white:
         return [None] * len(terms)
-    width = next(iter(white.values())).shape[1] // len(made)
-    scores, information, raw = projector.scores(white, width, steps)
+    width = next(iter(white.values())).shape[1] // len(terms)
+    scores, information, raw = projector.scores(white, width)
     out = []
     for number, term in enumerate(terms):
         part = slice(number * width, (number + 1) * width)

@@ -23,12 +23,14 @@ from pumaid.diagnosis.effect_fits import EffectFits
 from pumaid.diagnosis.records import Transfer
 from pumaid.diagnosis.score_test import (
     DECISIVE,
+    DOUBT,
     FEWEST_JOINTS,
     LEVEL,
     EvaluatedCandidate,
     ScoreTable,
     ScoreTest,
     SignFlips,
+    as_body,
     chance_of_pieces,
     drives,
     evidence,
@@ -59,8 +61,8 @@ SAME, ALIKE, ALMOST, LARGE = 0.5, 0.01, 0.9, 0.5
 #: no score moves by more than a third of its standard error.
 MOVED = 0.1
 #: Looks at most. Candidates looked at closely at a time.
-#: Effects that runs held out may deny before what is left is called unexplained.
-MOST_LOOKS, LEADERS, MOST_DENIED = 40, 10, 12
+#: Effects that runs held out may deny before what is left is called unexplained. Times that one instant is looked for.
+MOST_LOOKS, LEADERS, MOST_DENIED, MOST_TIMINGS = 40, 10, 12, 4
 #: Resolutions of a run within which waves take more than some hundredths of each other.
 NEAR = 10.0
 #: Share of a score that effects of other joints may make, so that all are added at one look.
@@ -162,10 +164,13 @@ class Stepwise:
                 self.unsteady.append(chosen[0].trial.added)
 
     def _tune(self, joints: Set[int]) -> None:
-        """Refine the frequency of each wave of some joints beside waves near it, which were missing when it was found.
+        """Refine the frequency of each wave of some joints beside waves near it, which were missing when it was found;
+        and the instant of a payload beside the ratios of gains that it shows.
 
         Source: B. Mamandipoor, D. Ramasamy and U. Madhow, IEEE Trans. Signal Processing 64 (2016) 5066-5081.
         """
+        for place in [n for n, x in enumerate(self.added) if x.is_carried and n >= len(self.given)]:
+            self._time(place)
         waves = {n: x.shape[x.effect.periodic] for n, x in enumerate(self.added) if x.effect.periodic}
         for place in (n for n in waves if self.added[n].joint in joints):
             at, step, whole = place - len(self.given), self.steps[-1], self.fits.solved(self.added)
@@ -179,6 +184,27 @@ class Stepwise:
             if trial and judged and judged.trial.statistic > trial.statistic + shown.scale:
                 self.added[place] = judged.trial.added
                 self.accepted[at] = replace(judged, p_value=self.accepted[at].p_value, rivals=self.accepted[at].rivals)
+
+    def _time(self, place: int) -> None:
+        """Look for the instant of a payload anew, as long as it moves and that meets the data better.
+
+        Raises ModelError (effects-astray) where what then is found is no body's: it stands for something else.
+        """
+        from pumaid.estimation.nonlinear import search_shape  # few diagnoses need it
+
+        for _ in range(MOST_TIMINGS):
+            term, whole, at = self.added[place], self.fits.solved(self.added), place - len(self.given)
+            among = [(x.key, x.shape) for x in whole.model.effects].index((term.key, term.shape))
+            new = search_shape(Projector(whole.without(among)), EffectTerm(term.effect, term.joint), ["time"])[0]
+            instead = [*self.added[:place], new, *self.added[place + 1 :]]
+            if new.shape == term.shape or self.fits.solved(instead, whole.noises).square >= whole.square:
+                break
+            self.added, item = instead, self.accepted[at]
+            self.accepted[at] = replace(item, trial=replace(item.trial, added=new))
+        numbers, sizes = whole.columns_of(among), whole.sizes(among)
+        information = pseudo_inverse(whole.inverse[np.ix_(numbers, numbers)])[0]
+        if sizes @ information @ sizes - as_body(sizes, information, self.model.robot.length)[1] > DOUBT**2:
+            raise ModelError("effects-astray", f"{term.effect.name} is no body's")
 
     def _on_trial(self, step: Step) -> list[EvaluatedCandidate]:
         """Of each joint the likeliest effect that only runs left out speak against, where these may be wrong: of

@@ -269,8 +269,9 @@ def example(joint: int, *, with_loads: bool, rows: Any = slice(None)) -> Samples
         "travel": rng.uniform(0.0, 2.0, INSTANTS),
         "temperature": np.where(np.arange(INSTANTS) % 5 == 0, np.nan, rng.uniform(20.0, 40.0, INSTANTS)),
         "run": np.repeat(np.arange(4), INSTANTS // 4),
+        "bodies": rng.normal(size=(INSTANTS, 10)),
     }
     for array in (*series.values(), *loads.values()):
         array.flags.writeable = False
-    at = Loads(gains=np.ones(n), rubs=np.ones((2, n, 2)), **{name: values[rows] for name, values in loads.items()})
+    at = Loads(rubs=np.ones((2, n, 2)), **{name: values[rows] for name, values in loads.items()})
     return Samples(joint, loads=at if with_loads else None, **{name: values[rows] for name, values in series.items()})

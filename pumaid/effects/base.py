@@ -3,6 +3,7 @@
 import itertools
 import math
 import sys
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -121,7 +122,7 @@ class Extent:
     position: tuple[float, float]  # lowest and highest of the moving joint, rad or m
     finest: float  # shortest wavelength that the bins can show, rad or m
     travel: float  # longest run, rad or m
-    starts: tuple[float, ...]  # s since the joint's first motion, of every run, rising
+    starts: tuple[float, ...]  # s since the joint's first motion, of every run, and of blocks' cells; rising
     duration: float  # s from the first motion to the end of the last
     current: float  # largest absolute current that the model predicts, A
 
@@ -134,6 +135,14 @@ class Extent:
     def half_wave(self) -> float:
         """Radians of phase per rad or m of a wave that goes through half a period over all positions."""
         return math.pi / max(self.position[1] - self.position[0], 0.01)
+
+    def nearer(self, instant: float) -> "Extent":
+        """With the starts about one of the instants that a search of these began at, as far as its neighbours."""
+        tried = _instants(self)
+        place, starts = bisect_left(tried, instant), np.array(self.starts)
+        low, high = tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)]
+        first, last = np.searchsorted(starts, [low, high], side="right")
+        return replace(self, starts=self.starts[max(first - 1, 0) : last + 1])
 
 
 @dataclass(frozen=True, slots=True)

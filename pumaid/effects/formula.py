@@ -14,7 +14,7 @@ parameters. Parameters and shapes stand in it by their own names. Of the joint w
   position; ``friction_owner`` its Coulomb and viscous friction;
 - ``owner`` its number, ``shaft_on`` what ``shaft`` is of the joint that the shape ``on`` names;
 - ``gamma_p``, ``gamma_x``, ``gamma_y``, ``gamma_z`` what a unit of mass at the origin of the last link's frame draws,
-  and a unit of first moment along its axes, times the gain of the last joint.
+  and a unit of first moment along its axes, in units of the last joint's gain, inertia among it.
 """
 
 import ast
@@ -44,8 +44,8 @@ FUNCTIONS = {
 #: exported model can have them.
 GAMMAS = ("gamma_p", "gamma_x", "gamma_y", "gamma_z")
 OF_OWNER = frozenset({"load_owner", "slope_owner", "friction_owner"})
-OF_LOADS = frozenset({"load", "load_rate", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER, *GAMMAS})
-OF_MOTION = OF_LOADS - {"load_rate"} | {"q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
+OF_LOADS = frozenset({"load", "load_rate", "drawn", "across", "tilt_x", "tilt_y", *OF_OWNER})
+OF_MOTION = OF_LOADS - {"load_rate"} | {*GAMMAS, "q", "v", "s", "shaft", "shaft_on", "joint", "owner"}
 
 
 _empty = partial(np.zeros, 0)
@@ -67,7 +67,6 @@ class Loads:
     across: Floats
     drawn: Floats  # (M,) the model's whole prediction in joint i
     rate: Floats  # (M,) A/s: how fast `moving` changes, in blocks with what the rotor draws
-    gains: Floats  # (J,) eta_i / eta_k: joint k's current times this is joint i's; NaN where not known
     # (2, J, 2) Coulomb and viscous friction of each joint (A, and A s/rad or A s/m), forward and backward
     rubs: Floats = field(default_factory=_empty)
 
@@ -83,10 +82,12 @@ class Samples:
     # (M,) +1 or -1: sign of the motion that the run is in (not of a noisy velocity)
     direction: Floats = field(default_factory=_empty)
     time: Floats = field(default_factory=_empty)  # (M,) s since the joint's first motion in the campaign
-    elapsed: Floats = field(default_factory=_empty)  # (M,) s since the arm's first motion on the same clock
+    elapsed: Floats = field(default_factory=_empty)  # (M,) s since the arm's first motion, recordings one after another
     travel: Floats = field(default_factory=_empty)  # (M,) rad or m since the motion began
     temperature: Floats = field(default_factory=_empty)  # (M,) degC, NaN where not measured
     run: Floats = field(default_factory=_empty)  # (M,) number of the run that each instant belongs to
+    # (M, 10) N m (N) that a unit of each parameter of the last link's body asks: mass, first moments, those of inertia
+    bodies: Floats = field(default_factory=partial(np.zeros, (0, 10)))
     loads: Loads | None = None  # what the model so far says of gravity; none where it is not known yet
     # (M, E) columns of the logs that the user suspects, in the logs' own units; none where not asked for
     extra: Floats | None = None
@@ -112,9 +113,7 @@ def at(samples: Samples, rows: Counts) -> Samples:
     if samples.loads is None:
         return chosen
     loads = {item.name: getattr(samples.loads, item.name) for item in fields(Loads)}
-    return replace(
-        chosen, loads=Loads(**{name: v if name in ("gains", "rubs") else v[rows] for name, v in loads.items()})
-    )
+    return replace(chosen, loads=Loads(**{name: v if name == "rubs" else v[rows] for name, v in loads.items()}))
 
 
 def swept(samples: Samples, sizes: Counts, table: Callable[[Samples], Floats], *, turns: bool) -> Floats:
@@ -154,27 +153,6 @@ def _harmonics(q: Floats, turns: bool) -> Floats:
     return np.column_stack([np.ones(len(q)), q, q * q])
 
 
-@lru_cache(maxsize=1)  # asked for by each of the four quantities
-def _unit_body(robot: Robot, samples: Samples) -> Floats:
-    """(M, 4) N m (N) of a unit of mass at the last link's origin, and of a unit of first moment along each of its axes.
-
-    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
-    """
-    i, g = samples.joint - 1, np.asarray(robot.gravity, dtype=float)
-    turns = robot.joints[i].is_revolute
-
-    def table(knots: Samples) -> Floats:
-        frames, places = robot.frames(knots.position)
-        z_i, last = frames[:, i, :, 2], frames[:, -1]
-        if not turns:
-            return np.hstack([-(z_i @ g)[:, None], np.zeros((len(z_i), 3))])
-        levers = np.concatenate([(places[:, -1] - places[:, i])[:, :, None], last], axis=2)
-        return np.einsum("mk,mkp->mp", np.cross(z_i, g), levers)
-
-    moved = np.diff(np.delete(samples.position, i, axis=1), axis=0).any(axis=1)
-    return swept(samples, np.diff(np.flatnonzero(moved) + 1, prepend=0, append=len(samples)), table, turns=turns)
-
-
 def _way(robot: Robot, samples: Samples, owner: int) -> Floats:
     """(M,) the sign of a motion; where gears turn the joint's shaft against the joint, that of the shaft."""
     shaft, joint = (v[:, samples.joint - 1] for v in (robot.shaft_velocity(samples.velocity), samples.velocity))
@@ -185,13 +163,6 @@ def _friction(robot: Robot, samples: Samples, joint: int) -> Floats:
     v, (dry, viscous) = robot.shaft_velocity(samples.velocity)[:, joint - 1], loads_of(samples).rubs[:, joint - 1]
     ways = np.column_stack([v > 0.0, v < 0.0])
     return np.asarray(ways @ dry + (ways @ viscous) * v)
-
-
-def _gamma(robot: Robot, samples: Samples, owner: int, *, part: int) -> Floats:
-    """(M,) A; zero where the ratio of gains to the last joint is not known."""
-    gain = loads_of(samples).gains[-1]
-    felt = _unit_body(robot, samples)[:, part]
-    return felt * gain if np.isfinite(gain) else 0.0 * felt
 
 
 #: Name in a formula -> (M,) values at instants of one moving joint, given the owner of the parameters (from 1).
@@ -222,7 +193,10 @@ QUANTITIES: Mapping[str, Callable[[Robot, Samples, int], Any]] = {
     "slope_owner": lambda robot, samples, owner: np.nan_to_num(loads_of(samples).slopes[:, owner - 1]),
     "friction_owner": _friction,
     "shaft_on": lambda robot, samples, on: robot.shaft_velocity(samples.velocity)[:, on - 1],
-    **{name: partial(_gamma, part=part) for part, name in enumerate(GAMMAS)},
+    "gamma_p": lambda robot, samples, owner: samples.bodies[:, 0],
+    "gamma_x": lambda robot, samples, owner: samples.bodies[:, 1],
+    "gamma_y": lambda robot, samples, owner: samples.bodies[:, 2],
+    "gamma_z": lambda robot, samples, owner: samples.bodies[:, 3],
 }
 
 
@@ -279,19 +253,6 @@ def at_rest(formula: str) -> tuple[str, str]:
     if hold == filled(formula, {}):
         return hold, "0.0"
     return hold, filled(f"{formula} - ({hold})", {})
-
-
-@lru_cache(maxsize=512)
-def clock_of_step(formula: str) -> str:
-    """Name in `Samples` of the time after whose instant ``time`` a formula is the same for ever, and before it zero.
-
-    Empty where it is no such step.
-    """
-    for name, clock in (("t", "time"), ("elapsed", "elapsed")):
-        before, after = (formula.replace(f"({name} > time)", value) for value in ("0.0", "1.0"))
-        if before and filled(before, {}) == "0.0" and "time" not in names_in(after):
-            return clock
-    return ""
 
 
 def printed(formula: str) -> str:

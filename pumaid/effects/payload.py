@@ -5,14 +5,12 @@ from pumaid.robot import Robot
 
 
 class Payload(Effect):
-    """Gravity of something taken up, or lost.
+    """Weight and inertia of something taken up, or lost.
 
-    gamma_p is what a unit of mass at the origin of the last link's frame draws in the moving joint, gamma_x .. gamma_z
-    what a unit of first moment along that frame's axes does; mass, x, y, z are the mass and its first moments, times
-    the gain of the last joint. A joint feels them by the ratio of its gain to the last joint's; where that is not known
-    it is left out. elapsed counts from the arm's first motion, whichever joint made it.
-
-    For a joint i that turns, a first moment h (base axes) draws (z_i x g) . h; a slide only carries the mass.
+    gamma_p is what a unit of mass at the origin of the last link's frame asks of the moving joint, gamma_x .. gamma_z
+    what a unit of first moment along that frame's axes does, moments of inertia of a point there among it. elapsed
+    counts from the arm's first motion, through all recordings. A joint feels it by the ratio of its gain to the last
+    joint's; where that is not known it is left out.
     """
 
     formula = "(elapsed > time) * (mass * gamma_p + x * gamma_x + y * gamma_y + z * gamma_z)"

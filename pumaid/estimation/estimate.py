@@ -296,7 +296,7 @@ def notes_on(
     yield from (note for note in signs if note not in wrong_signs)
     if not result.is_settled:
         yield _note("effects-not-settled", names=", ".join(dict.fromkeys(term.effect.name for term in effects)))
-    timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace]
+    timed = [term.effect.name for term in effects if Trace.TIME in term.effect.trace and not term.is_carried]
     clocks = len({run.clock for row in fitted.rows for run in row.bins.runs})
     if timed and clocks > 1:
         yield _note("several-clocks", clocks=clocks, name=timed[0])

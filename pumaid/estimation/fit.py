@@ -10,11 +10,10 @@ import numpy as np
 from pumaid.dataset import BLOCK
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import Samples
-from pumaid.effects.formula import clock_of_step
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.noise import EXACT, NoiseModel, noise_of, reduced
 from pumaid.joint_bins import JointBins
-from pumaid.maths import Bilinear, Counts, Floats, Gains, JointSolution, inverse_root
+from pumaid.maths import USUAL_RATIO, Bilinear, Counts, Floats, Gains, JointSolution, inverse_root
 from pumaid.model import Model, loads_at
 
 #: Share of a column's square below which the model absorbs it: what is left is rounding and creep of held positions.
@@ -228,10 +227,45 @@ class Fit:
         """Joint (from 1) -> the fit at its bins."""
         return {row.joint: self.at(row.bins, row.design, noise=self.noises[row.joint]) for row in self.rows}
 
+    def felt(self, term: EffectTerm, joint: int) -> float:
+        """What multiplies an effect's columns in a joint (from 1): of what is carried the ratio of gains, zero where
+        that is unknown; of others one."""
+        return float(np.nan_to_num(self.scales()[joint - 1, -1])) if term.is_carried else 1.0
+
+    def linear(self, term: EffectTerm, samples: Samples) -> Floats:
+        """(M, p) A in the moving joint per unit of each linear parameter of an effect, at the fit's ratios."""
+        return term.linear(self.model.robot, samples) * self.felt(term, samples.joint)
+
+    def without(self, place: int) -> "Fit":
+        """Its least squares about its own ratios and loads without one effect, by its place in the model.
+
+        A fit anew would bend the ratios that the effect has shown. All bins of a joint weigh alike and alone: what an
+        instant not yet right leaves would pass for slow noise, and hide all of it but its edges.
+        """
+        gone, p = self.columns_of(place), len(self.values)
+        rest, theta = np.delete(np.arange(len(self.inverse)), gone), np.append(self.values, self.gains.ratios)
+        rows = dict[int, FitRow]()
+        for joint, row in self.by_bin.items():
+            none = np.zeros(len(row.bins.runs))
+            white = NoiseModel(none, none + np.median(row.noise.spread), none)
+            misfit = row.misfit + row.bare[:, gone] @ theta[gone]
+            rows[joint] = FitRow(row.bins, white, row.bare[:, rest], misfit)
+        pull = self.prior**2 * (np.repeat([0.0, USUAL_RATIO], [p, len(theta) - p]) - theta)
+        asked = pull[rest] + sum(row.jacobian.T @ row.residual for row in rows.values())
+        information = sum(row.jacobian.T @ row.jacobian for row in rows.values())
+        half = inverse_root(information + np.diag(self.prior[rest] ** 2))
+        step = half @ (half.T @ asked)
+        rows = {joint: replace(row, misfit=row.misfit - row.bare @ step) for joint, row in rows.items()}
+        linear = replace(self.solution.linear, half=half, blind=np.zeros((len(rest), len(rest) - half.shape[1])))
+        solution = replace(self.solution, values=(theta[rest] + step)[: p - len(gone)], linear=linear)
+        model = self.model.with_effects([term for n, term in enumerate(self.model.effects) if n != place])
+        prior, limit = self.prior[rest], np.delete(self.limit, gone)
+        return replace(self, model=model, solution=solution, prior=prior, limit=limit).with_rows(rows)
+
     def with_rows(self, rows: Mapping[int, FitRow]) -> "Fit":
         """The same fit with some joints' rows by bin replaced."""
         copy = replace(self)
-        copy.__dict__["by_bin"] = self.by_bin | dict(rows)
+        copy.__dict__["by_bin"] = (self.by_bin if len(rows) < len(self.rows) else {}) | dict(rows)
         return copy
 
     @property
@@ -364,24 +398,10 @@ class Projector:
             if terms[0].touches(row.bins.joint):
                 samples = self.samples[row.bins.joint]
                 columns = np.hstack([(term.columns if term.fitted else term.linear)(robot, samples) for term in terms])
+                if terms[0].is_carried:
+                    columns = columns * self.solved.felt(terms[0], row.bins.joint)
                 made[row.bins.joint] = row.bins.averaged(columns) if self.at_nodes else columns
         return {joint: columns for joint, columns in made.items() if np.any(columns)}
-
-    def steps(self, terms: Sequence[EffectTerm]) -> dict[int, Floats]:
-        """Joint -> (R, k) one in runs after the instant of each of k steps in time, else zero.
-
-        Empty where the effect is none, or one of the instants is amid a run.
-        """
-        clock, out = clock_of_step(terms[0].effect.formula), dict[int, Floats]()
-        if not clock or len(terms[0].shape) > 1:
-            return out
-        for joint, row in self.solved.by_bin.items():
-            if terms[0].touches(joint):
-                after = getattr(row.bins.samples, clock)[:, None] > [term.shape["time"] for term in terms]
-                out[joint] = after[row.bins.first].astype(float)
-                if np.any(out[joint][row.bins.run] != after):
-                    return {}
-        return out
 
     def whitened(self, columns: Mapping[int, Floats]) -> dict[int, Floats]:
         """The same by the noise of each joint."""
@@ -395,31 +415,18 @@ class Projector:
             out += self.solved.by_bin[joint].jacobian.T @ columns
         return out
 
-    def scores(
-        self, white: Mapping[int, Floats], width: int, steps: Mapping[int, Floats] | None = None
-    ) -> tuple[Floats, Floats, Floats]:
+    def scores(self, white: Mapping[int, Floats], width: int) -> tuple[Floats, Floats, Floats]:
         """Scores and information beyond the fit of k candidates of m (`width`) columns each, side by side.
 
         Of whitened columns (N, V) by joint, zero in joints that are absent: (R, V) scores of all joints' runs,
-        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection. `steps` (R, k)
-        by joint say in which runs each candidate is what `white` (N, m) has, so that sums over runs do.
+        (k, m, m) information of each candidate, and (V,) squares of the columns before the projection.
         """
-        count = next(iter((steps or white).values())).shape[1] // (1 if steps else width)
-        scores, gram = np.zeros((len(self.base_scores), count * width)), np.zeros((count, width, width))
-        cross = np.zeros((len(self.solved.inverse), count, width)) if steps else self.crossed(white)
+        cross = self.crossed(white)
+        gram = np.sum([_products(columns, columns, width) for columns in white.values()], axis=0)
+        scores = np.zeros((len(self.base_scores), cross.shape[1]))
         for joint, columns in white.items():
             row = self.solved.by_bin[joint]
-            by_run = row.bins.products(row.residual, columns)
-            if not steps:
-                scores[self.runs[joint]] = by_run
-                gram += _products(columns, columns, width)
-                continue
-            after = steps[joint]
-            scores[self.runs[joint]] = (after[:, :, None] * by_run[:, None]).reshape(len(after), -1)
-            for n, column in enumerate(columns.T):
-                cross[:, :, n] += row.bins.products(column, row.jacobian).T @ after
-                gram[:, n] += after.T @ row.bins.products(column, columns)
-        cross = cross.reshape(len(cross), count * width)
+            scores[self.runs[joint]] = row.bins.products(row.residual, columns)
         turned, raw = self.solved.inverse @ cross, np.diagonal(gram, axis1=1, axis2=2).ravel()
         return scores - self.base_scores @ turned, gram - _products(cross, turned, width), raw
 

@@ -19,6 +19,7 @@ from pumaid.maths import (
     Counts,
     Floats,
     Gains,
+    JointSolution,
     Recursion,
     fit_bilinear,
     least_squares,
@@ -208,12 +209,15 @@ def _solved(fitted: Fit, values: Floats, gains: Gains) -> Fit:
     system = system_of(fitted.rows, fitted.noises, owners_of(fitted.model, fitted.assigned))
     limit, start = reach_of(fitted.limit, fitted.prior), _start(fitted, system)
     solution = fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior)
-    squares = [
-        float(np.sum(system.left(at, ratios) ** 2) + np.sum((fitted.prior[: len(at)] * at) ** 2))
-        for at, ratios in ((start.values, start.gains), (solution.values, solution.gains))
-    ]
-    if start.gains.parent == gains.parent and squares[0] < BETTER * squares[1]:
-        solution = fit_bilinear(system, start.values, start.gains, limit=limit, prior=fitted.prior)
+
+    def square(at: Recursion | JointSolution) -> float:
+        held = fitted.prior[: len(at.values)] * at.values
+        return float(np.sum(system.left(at.values, at.gains) ** 2) + held @ held)
+
+    is_carried = any(term.is_carried for term in fitted.model.effects)
+    if start.gains.parent == gains.parent and (is_carried or square(start) < BETTER * square(solution)):
+        other = fit_bilinear(system, start.values, start.gains, limit=limit, prior=fitted.prior)
+        solution = min(solution, other, key=square)
     return replace(fitted, system=system, solution=solution)
 
 

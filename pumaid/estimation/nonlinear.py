@@ -1,6 +1,5 @@
 """Effects with shapes: looked for on a grid, refined off it, fitted with everything else, their intervals profiled."""
 
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -9,6 +8,7 @@ import numpy as np
 from pumaid.dataset import FirstMotions, Run
 from pumaid.effect_spec import EffectTerm, scale_of, terms_of
 from pumaid.effects import Extent, Family, Scope, Shape
+from pumaid.effects.base import MOST_INSTANTS
 from pumaid.errors import ModelError, Where
 from pumaid.estimation.curves import learned
 from pumaid.estimation.fit import Fit, Projector, Refit
@@ -159,13 +159,11 @@ def search_shape(projector: Projector, term: EffectTerm, free: Sequence[str]) ->
     fits = likelihood.at(_grid(projector, term, covered))
     best = max(fits, key=lambda fit: fit[1].gain)
     for name in (name for name in fixed if shapes[name].unit == "s"):
-        # Starts of runs about the best instant: where runs are many a grid skips some.
-        instants = sorted(point[name] for point, _ in fits)
-        place = instants.index(best[0][name])
-        first = bisect_right(covered.starts, instants[max(place - 1, 0)]) - 1
-        last = bisect_right(covered.starts, instants[min(place + 1, len(instants) - 1)])
-        near = replace(covered, starts=tuple(covered.starts[max(first, 0) : last + 1]))
-        fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
+        near = covered
+        while len(near.starts) > MOST_INSTANTS + 1:
+            near = near.nearer(best[0][name])
+            fits += likelihood.at([{**best[0], **point} for point in effect.grid(robot, near)])
+            best = max(fits, key=lambda fit: fit[1].gain)
     fits.sort(key=lambda fit: -fit[1].gain)
     best, ranges = fits[0], dict[str, Ends]()
     likely = [point for point, refit in fits if refit.gain >= best[1].gain - WITHIN]
@@ -254,7 +252,9 @@ class EffectFit:
         self.terms[place] = replace(self.terms[place], fitted=fitted, sizes=self._sizes(place))
 
     def without(self, place: int, *, at_nodes: bool = True) -> Projector:
-        """What can be added to the fit of all effects but the one at `place`."""
+        """What can be added to the fit of all effects but the one at `place`; beside a payload at its ratios."""
+        if self.terms[place].is_carried and len(self.fit.model.effects) == len(self.terms):
+            return Projector(self.fit.without(sorted(self.terms).index(place)), at_nodes=at_nodes)
         rest = [self.terms[other] for other in sorted(self.terms) if other != place]
         fitted = refit(self.fit, self.model.with_effects(rest))
         return Projector(fitted, whole=self.fit if self.terms[place].effect.needs_loads else None, at_nodes=at_nodes)
@@ -353,6 +353,8 @@ def fit_effects(
     # The whole fit, noise included; loads follow it, so that what only looks like another load is known to.
     start = fit_bins(now, work.bins, before=work.fit, recursive=True, progress=progress)
     for _ in range(0 if recursive else POLISH):
+        work.terms = {n: replace(t, sizes=work._sizes(n)) if t.is_carried else t for n, t in work.terms.items()}
+        now = work.now()
         work.fit = refit(releveled(refit(work.fit, now, is_renewed=True)), now)
     work.fit = start if recursive else replace(with_errors(work.fit), first=start.first)
     check_better(before, work.fit, [term.effect.name for term in wanted])

@@ -164,6 +164,9 @@ def size_sentence(finding: Finding | Candidate, robot: Robot, units: str = "rad"
     joiner = ", not told apart from " if None in [size.std_error for size in finding.sizes] else ", with "
     is_first = effect is not None and effect.needs_loads and effect.scope is Scope.JOINT and not effect.is_free
     first = "; a first estimate, since the load was fitted without it" if is_first else ""
+    if finding.effect == "payload" and finding.sizes[0].value:
+        place = ", ".join(f"{size.value / finding.sizes[0].value:.3f}" for size in finding.sizes[1:])
+        first = f"; its place is {place} m in the last link's frame"
     return f"Size: {listed(sizes)}{(', ' if is_column else joiner) + words if words else ''}{first}."
 
 

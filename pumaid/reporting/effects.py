@@ -10,6 +10,7 @@ import numpy as np
 from pumaid.effects import ARM, Effect, Family, Loads, Parameter, Samples, Scope, Shape
 from pumaid.maths import Floats
 from pumaid.reporting.table import Row, Table
+from pumaid.rigid_body import of_body
 from pumaid.robot import Joint, Robot
 from pumaid.units import number
 
@@ -246,9 +247,8 @@ def _samples(joint: int, variable: str, values: Floats, *, way: float) -> Sample
     by_joint, slopes = np.outer(np.cos(angle), LOADS), np.column_stack([slope, slope])
     tilts = np.column_stack([0.0 * full, -slope])  # the axes point along -y
     drawn, rubs = signals.get("predicted current", load), np.ones((2, 2, 2))
-    loads = Loads(
-        load, by_joint, slopes, tilts, np.abs(load), drawn, slope * velocity[:, joint - 1], size / LOADS, rubs
-    )
+    loads = Loads(load, by_joint, slopes, tilts, np.abs(load), drawn, slope * velocity[:, joint - 1], rubs)
     more = {name: signals[name] for name in ("acceleration", "time", "travel", "temperature")}
+    more["bodies"] = of_body(HANGING, joint, (position.T, 0.0 * position.T, 0.0 * position.T))
     ways, run = way * full, 0.0 * full
     return Samples(joint, position, velocity, direction=ways, elapsed=signals["time"], run=run, loads=loads, **more)

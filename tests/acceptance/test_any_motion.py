@@ -16,6 +16,7 @@ from pumaid.estimate import Estimate
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.preprocessing.segment import segment
+from pumaid.robot import EffectChoice
 from pumaid.simulation import Hidden, Truth, draw, gravity_load
 
 
@@ -89,6 +90,38 @@ def test_a_law_of_the_load_is_named_where_no_motion_tells_the_rotor():
     dataset = segment([recorded(truth, wanted, np.random.default_rng(6000), counts=2e4)], robot)
     (finding,) = diagnose(identify(dataset, robot), dataset, robot).findings
     assert finding.joint == 2 and "load_friction" in (finding.effect, *finding.rivals)
+
+
+@pytest.mark.parametrize(("name", "way"), [("ur5e", "picks"), ("puma560", "waves")])
+def test_a_payload_taken_up_at_work_is_named_with_its_place(name, way):
+    """Nothing else is; mass times gain to a twentieth, place to 10 mm, the instant to a pause between two moves."""
+    rng, robot = np.random.default_rng(41), read_recipe(shipped_recipes()[name])
+    body = {"mass": 1.7, "x": 0.04, "y": -0.03, "z": 0.12, "time": 33.0}
+    truth = draw(robot, 41).hiding([Hidden("payload", None, body)])
+    wanted = {"waves": waves, "picks": picks}[way](rng, 60.0, reach(robot))
+    dataset = segment([recorded(truth, wanted, rng, counts=2e4)], robot)
+    (finding,) = diagnose(identify(dataset, robot), dataset, robot).findings
+    assert finding.effect == "payload" and finding.shape["time"] == pytest.approx(33.0, abs=0.7)
+    estimate = identify(dataset, robot, effects=[EffectChoice("payload", None, finding.shape)])
+    values = {value.name: value.value for value in estimate.values}
+    mass, *moments = (values[f"payload.{part}"] for part in ("mass", "x", "y", "z"))
+    assert mass == pytest.approx(1.7 * truth.gain[-1], rel=0.05)
+    assert np.array(moments) / mass == pytest.approx([body[axis] for axis in "xyz"], abs=0.01)
+    for fit, noise in zip(estimate.joints, truth.noise.sample_std, strict=True):
+        assert fit.rmse < 2.5 * noise  # with the jolt of the moment itself
+
+
+def test_a_payload_of_one_recording_is_named_at_its_start():
+    """Recordings with clocks of their own follow one another: what the second alone carries came when it began."""
+    robot = read_recipe(shipped_recipes()["ur5e"])
+    truth, logs = draw(robot, 42), []
+    for file, arm in enumerate((truth, loaded(truth, 1.5))):
+        rng = np.random.default_rng([42, file])
+        log = recorded(arm, picks(rng, 40.0, reach(robot)), rng, counts=2e4)
+        logs.append(replace(log, origin=f"{file}.csv", starts_clock=True))
+    dataset = segment(logs, robot)
+    (finding,) = diagnose(identify(dataset, robot), dataset, robot).findings
+    assert finding.effect == "payload" and finding.shape["time"] == pytest.approx(40.0, abs=1.0)
 
 
 def test_currents_that_lag_are_named_so_at_the_joints_that_show_it():

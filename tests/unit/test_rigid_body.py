@@ -12,8 +12,8 @@ from pumaid.effects import Samples
 from pumaid.estimation.estimate import identify
 from pumaid.io.recipe import read_recipe, shipped_recipes
 from pumaid.model import Model, loads
-from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters
-from pumaid.robot import Joint, Robot, placement, roll_pitch_yaw, turn_of_z
+from pumaid.rigid_body import PARAMETERS, RigidBody, base_parameters, of_last_link, of_payload
+from pumaid.robot import Joint, Robot, of_point, placement, roll_pitch_yaw, turn_of_z
 
 pin = pytest.importorskip("pinocchio", reason="the engine is pinocchio (pip install pumaid[test])")
 engines = pytest.importorskip("engines")
@@ -61,6 +61,14 @@ def test_torques_are_those_of_inverse_dynamics(name):
     torque = torques(model, motion)
     everything = RigidBody(robot, (tuple(range(len(PARAMETERS))),) * robot.n_joints)
     assert np.abs(dense(everything, motion) @ values - torque).max() < EXACT * np.abs(torque).max()
+    payload = (1.7, 0.1, -0.05, 0.2)
+    model.inertias[model.njoints - 1] += pin.Inertia(payload[0], np.array(payload[1:]), np.zeros((3, 3)))
+    base, constants = (part @ of_payload(payload) for part in of_last_link(robot))
+    more = dense(base_parameters(robot), motion) @ base + constants[:, None]
+    assert np.abs(more - torques(model, motion) + torque).max() < 1e-9 * np.abs(torque).max()
+    moments = payload[0] * np.array(payload[1:])
+    point = of_point(robot, payload[0], moments) @ [payload[0], *moments]  # the tangent has all of it, by Euler
+    assert np.linalg.norm(payload[1:]) > robot.length or point == pytest.approx(of_payload(payload)[:10])
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -15,8 +15,8 @@ from pumaid.exports import Exported, Form, Subject, head, rendered
 from pumaid.exports.equivalent_bodies import friction_torques, known_constants
 from pumaid.exports.formulas import Formulas, Lack, base_places
 from pumaid.maths import Floats
-from pumaid.rigid_body import PARAMETERS, regrouping, steiner
-from pumaid.robot import Robot, roll_pitch_yaw
+from pumaid.rigid_body import PARAMETERS, regrouping
+from pumaid.robot import Robot, roll_pitch_yaw, steiner
 from pumaid.trajectory import highest_speeds
 
 #: What stands for a limit that the recipe does not give: URDF asks for a number.
