@@ -258,7 +258,6 @@ def known_effect(name: str, where: Where) -> Effect:
 
 
 def _at_joints(choice: EffectChoice, robot: Robot, where: Where) -> list[EffectChoice]:
-    """The choice, checked, at its joint, at each joint where it can act, or of the whole arm."""
     effect, joints = known_effect(choice.effect, where), range(1, robot.n_joints + 1)
     if effect.scope is Scope.ARM and choice.joint is not None:
         what = f"{effect.name} is of the whole arm, not of joint {choice.joint}"

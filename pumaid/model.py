@@ -235,7 +235,6 @@ class Model:
         return means
 
     def _base_at_nodes(self, bins: JointBins) -> Floats:
-        """(k N, b) columns of the paper's model at the nodes of bins."""
         nodes, k, turns = bins.nodes[0], bins.nodes[1].shape[1], self.robot.joint(bins.joint).is_revolute
         moves = np.repeat((bins.accelerates & ~bins.is_block)[bins.run], k)
         rows, out = np.zeros(0, np.int64), np.zeros((len(nodes), len(self._base)))

@@ -95,7 +95,6 @@ _LinkState = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
 def _links(robot: Robot, motion: tuple[Floats, Floats, Floats], joints: Sequence[int]) -> Iterator[_LinkState]:
-    """Every link's state, base to tip, and how these joints (from 0) move it."""
     position, velocity, acceleration = motion
     n = position.shape[1]
     spin, spin_rate = np.zeros((3, n)), np.zeros((3, n))

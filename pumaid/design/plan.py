@@ -161,7 +161,6 @@ class Planner:
         return self._planned()
 
     def _planned(self) -> Plan:
-        """The same of all candidates."""
         self.tell("choosing runs")
         many = int(np.clip(round((self.seconds or 0.0) / (_PASS * self.robot.n_joints)), 2, _MOST_PASSES))
         coverages = [*(replace(coverage, passes=many) for coverage in COVERAGES), replace(COVERAGES[-1], passes=1)]
@@ -277,7 +276,6 @@ class Planner:
     def _chosen(
         self, required: Counts, coverage: Coverage, optimum: ContinuousDesign, *, allowed: float
     ) -> tuple[Plan, float]:
-        """Runs chosen on top of the coverage for `allowed` s, in order, and the criterion's value."""
         passes, rounds = coverage.passes, coverage.rounds
         pool = np.flatnonzero((optimum.worth > _WORTH) | (required > 0))
         part = self.candidates.only(pool)

@@ -400,7 +400,6 @@ class _FrequencyGrid:
 
 @lru_cache(maxsize=16)  # the same at every look at a joint
 def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | None:
-    """What `spectrum` needs of the places of bins; None where runs are too short for any frequency."""
     q, lengths = bins.samples.position[:, bins.joint - 1], bins.lengths
     low, high = np.minimum.reduceat(q, bins.first), np.maximum.reduceat(q, bins.first)
     way = high - low
@@ -439,7 +438,6 @@ def _frequency_grid(bins: JointBins, fewest_periods: float) -> _FrequencyGrid | 
 
 
 def _pieces(bins: JointBins, way: Floats) -> Counts:
-    """(N,) number from 0 of the piece of a run that each bin is in."""
     parts = np.maximum(np.round(way / way.sum() * PIECES), 1.0).astype(np.int64)
     within = (np.arange(len(bins)) - bins.first[bins.run]) * parts[bins.run] // bins.lengths[bins.run]
     return np.asarray((np.cumsum(parts) - parts)[bins.run] + within)

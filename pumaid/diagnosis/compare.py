@@ -270,7 +270,6 @@ class _Decomposition:
                 self.taken.append(largest)
 
     def _passing(self) -> list[Portion]:
-        """What is more than noise; chances are noted."""
         fit, joint, rough, out = self._fit(), self.bins.joint, self._rough(), []
         noise = noise_of(self.bins, rough, pairs=())
         white, key = noise.whiten(self.bins, rough), (RIPPLE_NAME, joint)
@@ -322,7 +321,6 @@ class _Decomposition:
         return out
 
     def _ripple(self, chance: float, waves: Spectrum) -> Portion:
-        """The strongest ripple, with an amplitude and a phase in each direction of motion."""
         frequency, (nodes, _), root = waves.peak(), self.bins.nodes, np.sqrt(self.weight)
         angle = frequency * nodes.position[:, self.bins.joint - 1]
         turning = np.column_stack([np.cos(angle), np.sin(angle)])

@@ -480,7 +480,6 @@ class DiagnosisBuilder:
         return tuple(self._candidate(item) for item in best[:LISTED])
 
     def _partner(self, candidate: EvaluatedCandidate) -> EvaluatedCandidate | None:
-        """What was added of which it is a rival."""
         return next((x for x in self.search.accepted if candidate.key in [rival.key for rival in x.rivals]), None)
 
     def _verdict(self, candidate: EvaluatedCandidate) -> str:

@@ -236,7 +236,6 @@ def _best_set(
 
 
 def _explored(fit: Fit) -> Robot:
-    """The arm, with the range and the highest speed that the data show where the recipe states none."""
     robot = fit.model.robot
     position = np.vstack([row.bins.samples.position for row in fit.joints])
     low, high = position.min(axis=0).tolist(), position.max(axis=0).tolist()

@@ -411,7 +411,6 @@ def chance_of_pieces(on: Fit, trial: ScoreTest, tests: int, *, of_motion: bool =
 
 
 def _pieces(bins: JointBins) -> Counts:
-    """First bins of pieces of runs, each run's about as long as the others'."""
     parts = np.clip(np.round(PIECES * bins.lengths / len(bins)), 1, np.maximum(bins.lengths // A_PIECE, 1))
     runs = zip(bins.first, bins.lengths, parts.astype(int), strict=True)
     return np.concatenate([first + length * np.arange(count) // count for first, length, count in runs])

@@ -360,7 +360,6 @@ def of_misfit(fitted: Fit, joints: Sequence[JointFit]) -> Iterator[LogError | No
 
 
 def _outlier_file(row: FitRow, design: Floats) -> tuple[str | None, str]:
-    """The file with the largest error under a fit to all other runs, and what shows it."""
     bins, suspects = row.bins, list[tuple[float, str, str]]()
     is_off = (bins.current == 0.0) & (np.mean(bins.current == 0.0) > OFF)
     origins = np.where(is_off, UNPOWERED, np.array([run.origin for run in bins.runs])[bins.run])

@@ -128,7 +128,6 @@ def _row(
 def _recursion(
     model: Model, rows: Sequence[Row], owners: Counts, limit: Floats, *, tell: Progress
 ) -> tuple[Recursion, dict[int, NoiseModel], list[int]]:
-    """The paper's recursion, the noise by joint, and joints with too few runs to tell it."""
     flat = {row.joint - 1: row.regressors.reshape(row.target.size, -1) for row in rows}
     paper = Recursion(_solved_with(model, owners, flat), model.robot.n_joints)
     noises, weak = dict[int, NoiseModel](), []

@@ -253,7 +253,6 @@ def _moments(pieces: Sequence[Floats], lost: Floats) -> tuple[float, float]:
 
 
 def _variance_of_mean(rho: Floats | float, n: Floats) -> Floats:
-    """Variance of the mean of n bins of correlation rho, over that of a bin."""
     return np.asarray(((1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**n) / (n * (1.0 - rho) ** 2)) / n)
 
 

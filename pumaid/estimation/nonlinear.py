@@ -125,7 +125,6 @@ class ShapeLikelihood:
         return np.column_stack([np.min(values - widths, axis=0), np.max(values + widths, axis=0)])
 
     def _walk(self, name: str, best: tuple[Point, Refit], *, stride: float, rise: float) -> float:
-        """The end of an interval on one side: where the squares have risen by `rise`, or a bound."""
         facts, (shape, before), step = self.shapes[name], best, stride
         rest = {other: (self.shapes[other].low, self.shapes[other].high) for other in self.term.fitted if other != name}
         for _ in range(MOST_STRIDES):

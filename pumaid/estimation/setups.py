@@ -190,7 +190,6 @@ class Setups:
             yield replace(self.now, kind=LOADED, by_file=True)
 
     def _mounted(self) -> Iterator[Setup]:
-        """Gravity in the direction that fits best, and gone."""
         from scipy import optimize
 
         size = float(np.linalg.norm(self.robot.gravity))

@@ -154,7 +154,6 @@ def _conditions(formulas: Formulas, torques: Floats, carried: Floats) -> tuple[F
 
 
 def _carried(formulas: Formulas, torques: Floats) -> tuple[Floats, list[str]]:
-    """(J,) kg that each slide carries, NaN where that is free; and what is to be said."""
     robot, said = formulas.robot, []
     out = np.full(robot.n_joints, np.nan)
     structure = minimal(robot)
@@ -318,10 +317,7 @@ def known_constants(formulas: Formulas, given: Mapping[int, float] | None = None
 
 
 def _assume(constants: Floats, ratios: Floats, formulas: Formulas) -> Iterator[str]:
-    """Fill in constants that are not known, in place, and say so.
-
-    The largest of each group is 1, with the sign by which friction opposes motion.
-    """
+    """Fill in unknown constants, and say so: the largest of each group is 1, so signed that friction opposes motion."""
     while np.isnan(constants).any():
         group, is_open = np.full(len(constants), np.nan), np.isnan(constants)
         group[np.argmax(is_open)] = 1.0

@@ -142,7 +142,6 @@ class LogForm(StrictForm):
     @model_validator(mode="before")
     @classmethod
     def _over_preset(cls, data: Any) -> Any:
-        """What a block says goes over its preset, part by part; a topic's is that of joint states."""
         if not isinstance(data, dict) or not isinstance(data.get("preset", data.get("topic")), str):
             return data
         name = data.get("preset", "joint-state").lower().replace("_", "-")

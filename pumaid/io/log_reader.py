@@ -346,7 +346,6 @@ class Cleaner:
                 )
 
     def _mark(self, kind: str, rows: Counts, faulty: Mapping[str, Flags]) -> Flags:
-        """Count, by column, rows (N,) with a fault; (N,) whether they have it in any column."""
         is_faulty = np.logical_or.reduce([np.zeros(len(rows), bool), *faulty.values()])
         counts = self._faults[kind]
         for name, flags in {_ANY: is_faulty, **faulty}.items():
@@ -356,7 +355,6 @@ class Cleaner:
         return is_faulty
 
     def _without_bad(self, rows: Counts, table: Floats) -> tuple[Counts, Floats]:
-        """Counts whose time, positions and measured velocities and currents are what an arm can have."""
         self.n_rows += len(rows)
         limits = np.full((len(table), 1), ABSURD)
         limits[0] = ABSURD_TIME
@@ -427,7 +425,6 @@ class Cleaner:
         return out & (out.mean() > _FEW)
 
     def _unwrap(self, rows: Counts, table: Floats, before: Floats | None) -> None:
-        """Take whole turns out of jumps that no motion explains, in place."""
         before = table[:, 0] if before is None else before
         seconds = np.diff(table[0], prepend=before[0])
         for joint, column in self.columns.places["position"]:

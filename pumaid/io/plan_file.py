@@ -175,7 +175,6 @@ def _units(robot: Robot, angle: str) -> list[tuple[str, float]]:
 
 
 def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
-    """What an arm cannot do of a plan."""
     units = _units(robot, form.units.get("angle", "rad"))
     if (form.trajectory is None) != bool(form.runs):
         what = "it has runs and a trajectory" if form.runs else "it has neither runs nor a trajectory"
@@ -210,7 +209,6 @@ def _faults(form: PlanForm, robot: Robot) -> Iterator[Fault]:
 
 
 def _trajectory_faults(form: TrajectoryForm, robot: Robot, units: list[tuple[str, float]]) -> Iterator[Fault]:
-    """What an arm cannot do of a trajectory, by its first knot where that is so."""
     knots, before, ways = ("trajectory", "knots"), -math.inf, list[Fault]()
     for index, knot in enumerate(form.knots):
         for key in _STATES:

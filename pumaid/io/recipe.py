@@ -180,7 +180,6 @@ class JointForm(StrictForm):
 
     @model_validator(mode="after")
     def _is_placed_once(self) -> Self:
-        """All of a Denavit-Hartenberg row but the offset of its motion, or a placement."""
         constants = ("alpha", "a", "d", "theta")
         stated = {key for key in constants if getattr(self, key) is not None}
         needed = {*constants} - {"theta" if self.type == "revolute" else "d"}

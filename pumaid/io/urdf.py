@@ -259,10 +259,7 @@ class UrdfRecipe:
 
 
 def _parsed(content: bytes, path: Path, arguments: Mapping[str, str] | None) -> ElementTree.Element:
-    """The element <robot> of a file with this content, tags without namespaces; of MJCF with its `GRAVITY`.
-
-    `arguments` are those of a xacro file, None where it is expanded.
-    """
+    """The element <robot> of a file, tags without namespaces; `arguments` None where a xacro file is expanded."""
     file = file_name(path)
     try:
         robot = ElementTree.fromstring(content)
@@ -288,10 +285,7 @@ def _parsed(content: bytes, path: Path, arguments: Mapping[str, str] | None) -> 
 
 
 def _expanded(path: Path, file: str, arguments: Mapping[str, str]) -> bytes:
-    """The URDF of a xacro file, by the package xacrodoc.
-
-    ROS packages are looked for above the file, beside those, and as ROS does.
-    """
+    """The URDF of a xacro file, by xacrodoc; ROS packages are looked for above the file, too, and beside those."""
     try:
         from xacrodoc import XacroDoc, packages
 

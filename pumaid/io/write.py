@@ -207,13 +207,7 @@ def read_truth(path: Path) -> dict[str, Any]:
 
 
 def _replaced(folder: Path, force: bool) -> list[Path]:
-    """Files of an earlier simulation whose place a new one takes, the truth last.
-
-    Raises
-    ------
-    ResultError [file-exists]
-        There are others, or these may not be replaced.
-    """
+    """Files of an earlier simulation whose place a new one takes, the truth last; others are refused (file-exists)."""
     truth, is_simulated = folder / TRUTH_NAME, False
     with suppress(OSError, ValueError, TypeError):  # there is none, or it is no JSON object
         is_simulated = read_truth(truth).get("kind") == "truth"

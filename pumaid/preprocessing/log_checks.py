@@ -177,7 +177,6 @@ def _units_disagree(sums: LogStatistics) -> Found:
 
 
 def _unlike_clock(sums: LogStatistics) -> Found:
-    """Velocity columns off by no unit's factor: the clock, which all joints share, or these columns."""
     signals = [j for j in signals_of(sums) if not math.isnan(j.ratio)]
     off = [j for j in signals if j.is_off and abs(j.ratio + 1.0) >= RATIO_FINE and not any(j.unit_changes())]
     ratios = [j.ratio for j in off]

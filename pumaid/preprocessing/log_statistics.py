@@ -125,7 +125,6 @@ class LogStatistics:
         return float(np.median(self.intervals)) if self.intervals else math.nan
 
     def _add_windows(self, log: Log, edges: Counts) -> None:
-        """Add the windows between `edges`; what follows the last edge is no whole window."""
         starts, counts = edges[:-1], np.diff(edges)
         seconds, change = np.diff(log.time[edges])[:, None], np.diff(log.position[edges], axis=0)
         usable = (seconds <= LONGEST_WINDOW) & np.isfinite(change).all(axis=1, keepdims=True)

@@ -130,7 +130,6 @@ def _without_motion(fast: Floats, motion: Floats, kernel: Floats) -> Floats:
 
 
 def _residual(values: Floats, regressors: list[Floats]) -> Floats:
-    """(N,) values less their least-squares fit by a constant and the regressors."""
     columns = np.column_stack([np.ones(len(values)), *regressors])
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 

@@ -335,7 +335,6 @@ def _of_movement(
 
 
 def _with_blocks(pieces: list[Piece], time: Floats) -> list[Piece]:
-    """The pieces, neighbours that move and are no run joined to blocks where they last long enough."""
 
     def seconds(chosen: Iterable[Piece]) -> float:
         return sum(float(time[piece.stop - 1] - time[piece.start]) for piece in chosen)
@@ -400,10 +399,7 @@ def _constant_velocities(ticks: Ticks, bounds: tuple[int, int], joint: int, opti
 
 
 def _steady(speed: Floats, reach: int, *, share: float, error: float) -> list[tuple[int, int]]:
-    """Tick ranges longer than `reach` in which the speed stays within relative and absolute tolerance of its median.
-
-    Those of one speed with at most a hiccup between them are joined.
-    """
+    """Tick ranges longer than `reach` with the speed near its median; with a hiccup between them they are joined."""
     if len(speed) <= reach:
         return []
     half = reach // 2

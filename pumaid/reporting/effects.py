@@ -202,7 +202,6 @@ def signature(effect: Effect) -> dict[str, Any]:
 
 
 def _against(effect: Effect, variable: str) -> dict[str, Any]:
-    """The signature against one variable, in the first joint in which the effect acts."""
     joints = (n for n in (1, 2) if effect.applies(HANGING, n) is None)
     owner = 0 if effect.scope is Scope.ARM else next(joints, 1)
     shapes, parameters = effect.shapes(HANGING, owner), effect.parameters(HANGING, owner)

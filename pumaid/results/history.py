@@ -192,7 +192,6 @@ def ladder_of(model: Path) -> Ladder | None:
 
 
 def _read(path: Path) -> tuple[Estimate, str]:
-    """A model file and its SHA-256; a pipe or device is refused, since reading it might never end."""
     if path.exists() and not path.is_file():
         raise ResultError(
             "file-not-readable",

@@ -235,7 +235,6 @@ class _Session:
             sample, row = sample + count, row + count
 
     def _execute(self, movement: Trapezoid | TrajectoryPart, count: int) -> tuple[Floats, Floats, Floats, Floats]:
-        """(N, J) positions and velocities by the encoders, currents, and temperatures by their sensors."""
         arm, controller, state, n = self._arm, self._controller, self._arm.state, self._truth.robot.n_joints
         ticks = self._ticks
         targets, limits, ahead = controller.targets(movement, count * ticks)

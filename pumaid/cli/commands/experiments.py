@@ -416,11 +416,7 @@ def demo(*, folder: Path, robot: str, is_motion: bool, seed: int, as_json: bool)
 
 
 def _story(folder: Path, *, robot: str, is_motion: bool, seed: int) -> Iterator[dict[str, Any]]:
-    """Run the commands in a new experiment, of runs at constant speed or of any motion, one after the other.
-
-    `robot` is the name of a shipped recipe, `seed` that of the plan, of the robot and of its secret. No command opens
-    ``logs/truth.json``, in which the secret lies.
-    """
+    """Run the commands in a new experiment, one after the other; none opens ``logs/truth.json`` with the secret."""
     from pumaid.io.recipe import read_recipe
 
     recipe, logs, model = (str(folder / name) for name in ("recipe.yaml", "logs", "results/model.json"))

@@ -83,7 +83,6 @@ def mjcf(subject: Subject) -> tuple[dict[str, str], tuple[Lack, ...]]:
 def _chain(
     template: str, subject: Subject, left_out: tuple[Lack, ...], *, remark: str, parameters: Floats | None = None
 ) -> tuple[dict[str, str], tuple[Lack, ...]]:
-    """A file of bodies, with a comment at its head that says what it is and what is not in it."""
     robot, held = subject.formulas.robot, subject.bodies
     assert held is not None
     parameters = held.parameters if parameters is None else parameters

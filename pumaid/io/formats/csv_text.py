@@ -168,7 +168,6 @@ class CsvLog(LogSource):
         self._judge(last_row)
 
     def _parsed(self, names: Sequence[str]) -> Iterator[Floats]:
-        """(C, N) values of the columns, block by block."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
@@ -303,13 +302,7 @@ def cells(line: str, delimiter: str) -> tuple[str, ...]:
 
 
 def _refuse_thousands(dialect: Dialect, indices: Sequence[int], name: str) -> None:
-    """Refuse numbers such as 1,068 beside 850: read with a decimal mark they would be a thousand times too small.
-
-    Raises
-    ------
-    LogError [not-a-number]
-        The first rows hold such numbers.
-    """
+    """Refuse numbers such as 1,068 beside 850: read with a decimal mark they would be a thousand times too small."""
     for index in indices:
         words = [row[index] for row in dialect.rows if index < len(row) and row[index]]
         grouped = [word for word in words if _GROUPED.fullmatch(word)]

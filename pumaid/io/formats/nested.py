@@ -96,7 +96,6 @@ def _sizes(column: Any) -> Counts:
 
 
 def _elements(column: Any, places: Counts) -> Any:
-    """(N,) element of each list at (N,) places, null where the list has none there."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

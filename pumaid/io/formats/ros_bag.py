@@ -158,7 +158,6 @@ class BagLog(LogSource):
             return _layout(message[2], is_ros1=self._is_ros1)
 
     def _table(self, messages: Sequence[Any], columns: Sequence[str], ready: slice) -> Floats:
-        """(1 + C, R) time and values of those messages among `ready` ones that have the first column."""
         table = np.full((1 + len(columns), len(messages)), np.nan)
         is_there = np.zeros(table.shape, dtype=bool)
         for members, layout, data in self._alike(messages):
@@ -182,7 +181,6 @@ class BagLog(LogSource):
         return result
 
     def _alike(self, messages: Sequence[Any]) -> Iterator[tuple[Counts, Layout, Any]]:
-        """Messages of one layout and topic at a time: (M,) indices, the layout, and (M, L) their bytes."""
         pending = list(range(len(messages)))
         while pending:
             end = self._layout(messages[pending[0]]).end

@@ -431,7 +431,6 @@ def diagnosis_figure(diagnosis: Diagnosis, robot: Robot, units: str = "rad") -> 
 
 @styled()
 def _evidence(columns: Sequence[Column], units: str) -> Figure:
-    """For each column the residual without the effect above that with it, at one scale."""
     has_effects = any(effect for _, effect, *_ in columns)
     figure, grid = panels(
         1 + has_effects, len(columns), height=1.75 if has_effects else 2.4, sharex="col", sharey="col"

@@ -27,10 +27,7 @@ def what_if(context: ReportContext) -> Content | None:
 
 
 def _joint(context: ReportContext, part: JointPrediction) -> dict[str, Any]:
-    """One joint, SI: parameters, columns, sums of products (upper triangles, last what the model leaves), and bins.
-
-    What the diagnosis finds missing has columns, too, at its shape.
-    """
+    """One joint, SI: parameters, columns, sums of products (upper triangles, last what the model leaves), and bins."""
     bins, estimate, present = part.bins, context.estimate, {term.key for term in part.model.effects}
     findings = [single for item in (context.diagnosis.findings if context.diagnosis else ()) for single in item.each()]
     tried = [
