@@ -8,6 +8,7 @@ import table1
 
 from pumaid.effects import Effect, Extent, Samples, Scope, catalogue
 from pumaid.model import Model, loads
+from pumaid.rigid_body import of_body
 
 ROBOT = table1.robot()
 MODEL = Model(ROBOT)
@@ -37,6 +38,7 @@ def campaign(joint: int, *, bins: int = 40) -> Samples:
     )
     more = {"elapsed": time, "temperature": 25.0 + 20.0 * (1.0 - np.exp(-time / 400.0))}
     more["run"] = np.repeat(np.arange(len(runs)), bins)
+    more["bodies"] = of_body(ROBOT, joint, (position.T, 0.0 * position.T, 0.0 * position.T))
     return Samples(joint, position, velocity, acceleration, direction, time=time, travel=travel, **more)
 
 
