@@ -210,8 +210,10 @@ def headline(diagnosis: Diagnosis, robot: Robot) -> str:
     named = [item for item in diagnosis.findings if item.verdict == ADD and "of" not in item.shape]
     missing = [_named(item, robot) for item in named]
     if len(named) >= MANY:
-        joints = listed([str(joint) for joint in sorted({item.joint for item in named if item.joint})])
-        missing = [f"{len(named)} effects at joints {joints}"]
+        acting = {single.joint for item in named for single in item.each()}
+        joints = [str(joint) for joint in sorted(joint for joint in acting if joint)]
+        where = [f"joint{'s' * (len(joints) > 1)} {listed(joints)}"] * bool(joints) + ["the arm"] * (None in acting)
+        missing = [f"{len(named)} effects at {listed(where)}"]
     doubtful = [_named(finding, robot) for finding in diagnosis.findings if finding.verdict != ADD]
     strange = [str(joint.joint) for joint in diagnosis.joints if joint.verdict == UNEXPLAINED_JOINT]
     parts = [f"{listed(missing)} {'is' if len(named) == 1 else 'are'} missing"] if missing else []

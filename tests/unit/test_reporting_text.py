@@ -305,6 +305,10 @@ def test_many_findings_are_a_table_first():
     told = replace(diagnoses.rich(), findings=(*many, replace(many[0], verdict="doubtful")))
     parts = diagnosis_parts(told, diagnoses.PUMA)
     assert "4 effects at joints 1, 3 and 6 are missing" in parts[0].text and "1 (waist) may be missing" in parts[0].text
+    beside = replace(
+        told, findings=(*(replace(item, joint=3) for item in many), replace(diagnoses.tilt(), verdict="add"))
+    )
+    assert "5 effects at joint 3 and the arm are missing" in diagnosis_parts(beside, diagnoses.PUMA)[0].text
     (table,) = [part for part in parts if getattr(part, "title", "") == "What is missing"]
     assert [row[1].text for row in table.cells] == ["1 waist", "3 elbow", "3 elbow", "6 wrist3", "1 waist"]
     assert {row[2].text for row in table.cells} == {"stribeck or viscous_power"}
