@@ -13,6 +13,7 @@ a cluster enters row i as one column nu, whose coefficient is eta_i / eta_c with
 the cluster of i. Source: S.-K. Lin, eq. (1)-(8), Theorem 1, Corollary 2.
 """
 
+import itertools
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -278,7 +279,11 @@ CONVERGED = 1e-9
 MOST_STEPS, TRUSTED, HARDER, HARDEST = 60, 0.25, 3.0, 1e6
 #: A ratio whose own row shows it neither to this standard error nor to `RATIO_SIGNIFICANT` standard errors is held
 #: about one by `RATIO_SPREAD` in the joint fit. Neighbouring gains differ by up to about ten on published arms.
-RATIO_KNOWN, RATIO_SIGNIFICANT, RATIO_SPREAD = 0.25, 3.3, 10.0
+RATIO_KNOWN = 0.25
+RATIO_SIGNIFICANT = 3.3
+RATIO_SPREAD = 10.0
+#: Ratios from which a restart begins besides, and the share of the sum of squares that another start must get below.
+OTHER_RATIOS, BETTER = (USUAL_RATIO, -USUAL_RATIO), 0.98
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -326,17 +331,14 @@ class Bilinear:
         whole = np.vstack([table for _, table in parts])
         return Bilinear(np.concatenate([row for row, _ in parts]), whole[:, :-1], whole[:, -1], self.owners)
 
-    def by_ratio(self, gains: Gains, values: Floats) -> Floats:
-        """(N, edges): derivative of the prediction by each edge of `gains`."""
+    def jacobian(self, gains: Gains, values: Floats) -> Floats:
+        """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
         # The way from an owner to a row by an edge: from the owner up to its lower end, and from its upper end on;
         # where it does not lead there one of the two is unknown, and counts as zero.
         scales = np.nan_to_num(gains.scales())
         parts = self.regressors @ (values[:, None] * (self.owners[:, None] == np.arange(gains.n_rows)))
-        return np.asarray(scales[:, gains.uppers][self.row] * (parts @ scales[gains.edges].T))
-
-    def jacobian(self, gains: Gains, values: Floats) -> Floats:
-        """(N, p + edges): derivative of the prediction by the parameters and by each edge of `gains`."""
-        return np.vstack([self.scaled(gains).T, self.by_ratio(gains, values).T]).T  # column after column
+        by_edge = scales[:, gains.uppers][self.row] * (parts @ scales[gains.edges].T)
+        return np.vstack([self.scaled(gains).T, by_edge.T]).T  # column after column, as large systems are
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -350,39 +352,6 @@ class JointSolution:
     residual: Floats
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Profile:
-    """A system at any ratios, with the best parameters there: those of `start` in directions that nothing determines.
-
-    Ratios are searched as angles, whose tangents they are: neither zero nor beyond all bounds is then far away.
-    """
-
-    system: Bilinear
-    start: Floats
-    gains: Gains
-    limit: Floats | None
-    prior: Floats
-    centre: Floats
-
-    def best(self, ratios: Floats) -> tuple[Floats, Floats, Floats]:
-        """The parameters (p,), an orthonormal basis (N, k) of what they can change, and what they leave (N,)."""
-        p, gains = len(self.start), self.gains.with_ratios(ratios)
-        held, firm = np.diag(self.prior[:p])[self.prior[:p] > 0.0], self.prior[p:] * (self.centre[p:] - ratios)
-        rows = np.vstack([self.system.scaled(gains), held, np.zeros((len(firm), p))])
-        off = np.concatenate([self.system.left(self.start, gains), held @ (self.centre[:p] - self.start), firm])
-        linear = least_squares(rows, off, limit=None if self.limit is None else self.limit[:p])
-        return self.start + linear.values, rows @ linear.half, off - rows @ linear.values
-
-    def step(self, ratios: Floats, best: tuple[Floats, Floats, Floats]) -> LeastSquares:
-        """The step of the angles, parameters following."""
-        (values, basis, off), bend, p = best, 1.0 + ratios**2, len(self.start)
-        slopes = np.zeros((len(off), len(ratios)))
-        slopes[: len(self.system.row)] = self.system.by_ratio(self.gains.with_ratios(ratios), values)
-        slopes[len(off) - len(ratios) :] = np.diag(self.prior[p:])
-        slopes = (slopes - basis @ (basis.T @ slopes)) * bend
-        return least_squares(slopes, off, limit=None if self.limit is None else self.limit[p:] / bend)
-
-
 def fit_bilinear(
     system: Bilinear,
     values: Floats,
@@ -391,54 +360,52 @@ def fit_bilinear(
     limit: Floats | None = None,
     prior: Floats | None = None,
     centre: Floats | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> JointSolution:
-    """Least squares over parameters and ratios together: ratios are searched, parameters a linear fit at any of them.
+    """Least squares over parameters and ratios together, from the recursion's solution.
 
-    A step that lowers the sum of squares by less than the linearised system promises is damped, most where the data
-    tell least. Edges that `gains` does not have stay unknown; `limit` is as for `least_squares`, over [values, edges];
-    `prior` (p + edges,) is the inverse of each one's prior standard deviation about `centre`, where not given of
-    parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none.
+    Steps are minimum-norm in directions that the data do not determine, so those keep their starting values; a step
+    that lowers the sum of squares by less than the linearised system promises is damped, most where the data tell
+    least. Edges that `gains` does not have stay unknown; `limit` is as for
+    `least_squares`, over [values, edges]; `prior` (p + edges,) is the inverse of each one's prior standard deviation
+    about `centre`, where not given of parameters about zero, of ratios about `USUAL_RATIO`, 0 where there is none. No
+    steps only linearise at the start.
 
-    Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; variable
-    projection with the derivative of L. Kaufman, BIT 15 (1975) 49-57; D. W. Marquardt, J. SIAM 11 (1963) 431-441, for
-    the damped step; H. B. Nielsen, IMM-REP-1999-05 (DTU), for how it is damped next.
+    Source: maximum likelihood for the bilinear model when the rows are whitened by their covariance; D. W. Marquardt,
+    J. SIAM 11 (1963) 431-441, for the damped step; H. B. Nielsen, IMM-REP-1999-05 (DTU), for how it is damped next.
     """
-    ratios, small = gains.ratios, system.condensed()
-    prior = np.zeros(len(values) + len(ratios)) if prior is None else prior
-    middle = np.repeat([0.0, USUAL_RATIO], [len(values), len(ratios)]) if centre is None else centre
-    profile, damping = _Profile(small, values, gains, limit, prior, middle), 0.0
-    best = profile.best(ratios)
-    for _ in range(MOST_STEPS if len(ratios) else 0):
-        linear, square = profile.step(ratios, best), float(best[2] @ best[2])
-        if not len(linear.singular):
-            break
-        weakest, strongest = linear.singular[-1] ** 2, linear.singular[0] ** 2
+    p, theta = len(values), np.concatenate([values, gains.ratios])
+    held = np.zeros((0, len(theta))) if prior is None else np.diag(prior)[prior > 0.0]
+    middle, small = np.repeat([0.0, USUAL_RATIO], [p, len(theta) - p]), system.condensed()
+    middle = middle if centre is None else centre
+
+    def residual(at: Floats) -> Floats:
+        return np.concatenate([small.left(at[:p], gains.with_ratios(at[p:])), held @ (middle - at)])
+
+    def step(at: Floats, off: Floats) -> LeastSquares:
+        return least_squares(np.vstack([small.jacobian(gains.with_ratios(at[p:]), at[:p]), held]), off, limit=limit)
+
+    off, damping = residual(theta), 0.0
+    linear = step(theta, off)
+    for _ in range(most_steps if len(linear.singular) else 0):
+        square, weakest, strongest = float(off @ off), linear.singular[-1] ** 2, linear.singular[0] ** 2
         while True:
             move, promised = linear.damped(damping)
-            tried = np.tan(np.arctan(ratios) + move)
-            there = profile.best(tried)
-            fall = square - float(there[2] @ there[2])
+            moved = residual(theta + move)
+            fall = square - float(moved @ moved)
             if fall >= TRUSTED * promised or promised <= CONVERGED * square or damping >= HARDEST * strongest:
                 break
             damping = max(HARDER * damping, weakest)
         if fall <= 0.0:
             break
-        ratios, best = tried, there
+        theta, off = theta + move, moved
+        linear = step(theta, off)
         if damping == 0.0 and fall < CONVERGED * square:
             break
         # After a step that fell short of its promise the next is damped alike: valleys are curved.
         damping = damping * max(1.0 / 3.0, 1.0 - (2.0 * fall / promised - 1.0) ** 3) if damping > weakest else 0.0
-    return linearised(system, best[0], gains.with_ratios(ratios), limit=limit, prior=prior, small=small)
-
-
-def linearised(
-    system: Bilinear, values: Floats, gains: Gains, *, limit: Floats | None, prior: Floats, small: Bilinear
-) -> JointSolution:
-    """A solution with the least squares that tells its errors; `small` is the condensed system."""
-    held, off = np.diag(prior)[prior > 0.0], small.left(values, gains)
-    rows = np.vstack([small.jacobian(gains, values), held])
-    linear = least_squares(rows, np.append(off, np.zeros(len(held))), limit=limit)
-    return JointSolution(values, gains, linear, system.jacobian(gains, values), system.left(values, gains))
+    gains = gains.with_ratios(theta[p:])
+    return JointSolution(theta[:p], gains, linear, system.jacobian(gains, theta[:p]), system.left(theta[:p], gains))
 
 
 def ratio_spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
@@ -451,6 +418,25 @@ def ratio_spread(system: Bilinear, values: Floats, gains: Gains) -> Floats:
         is_shown = error < RATIO_KNOWN or abs(gains.edge[edge]) > RATIO_SIGNIFICANT * error
         out.append(np.inf if is_shown else RATIO_SPREAD)
     return np.array(out)
+
+
+def restarted(system: Bilinear, values: Floats, gains: Gains, *, limit: Floats, prior: Floats) -> tuple[Floats, Gains]:
+    """The best of joint fits from the recursion's solution and from one with a ratio of another sign or size.
+
+    Of few postures the recursion may take a ratio with the wrong sign, from which no downhill way leads to the truth.
+    `system` is whitened by the noise inside runs; `limit` and `prior` are those of `fit_bilinear`.
+    """
+    system = system.condensed()
+    best = fit_bilinear(system, values, gains, limit=limit, prior=prior)
+    for number, ratio in itertools.product(range(len(gains.edges)), (None, *OTHER_RATIOS)):
+        ratios = best.gains.ratios
+        ratios[number] = -ratios[number] if ratio is None else ratio
+        tried = best.gains.with_ratios(ratios)
+        start = least_squares(system.scaled(tried), system.target, limit=limit[: len(values)]).values
+        refined = fit_bilinear(system, start, tried, limit=limit, prior=prior)
+        if refined.residual @ refined.residual < BETTER * (best.residual @ best.residual):
+            best = refined
+    return best.values, best.gains
 
 
 def by_key(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:

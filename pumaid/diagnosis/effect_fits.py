@@ -88,8 +88,11 @@ class EffectFits:
     ) -> Fit:
         """A fit without derivatives by shapes, weighted, where no noise is given, by what the base model leaves."""
         model, bins = self.model.with_effects(marked([*self._settling, *added])), _chosen(self.bins, [*added, *beside])
-        start = self._latest[1] if self._latest else self._first
-        fitted = refit(start, model, bins=bins, noise=noises, like=start if noises else self._like)
+        terms, latest = self._latest or ([], self._first)
+        # A payload shows ratios of gains, by which a fit that has none starts astray.
+        is_start = any(term.is_carried for term in terms) and terms == list(added)[: len(terms)]
+        like = latest if noises else self._like
+        fitted = refit(latest if is_start else self._first, model, bins=bins, noise=noises, like=like)
         if noises is None:
             self._like = fitted
         return fitted

@@ -13,7 +13,7 @@ from pumaid.diagnosis.score_test import DECISIVE, EvaluatedCandidate, ScoreTest,
 from pumaid.diagnosis.stepwise import Stepwise
 from pumaid.effect_spec import EffectTerm
 from pumaid.effects import catalogue
-from pumaid.estimation.curves import degrees_of_freedom, informed, learned
+from pumaid.estimation.curves import informed, learned
 from pumaid.estimation.fit import Fit, Projector
 from pumaid.joint_bins import JointBins
 
@@ -49,7 +49,7 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     last = forms[0].on if forms else last  # what has no name passes for noise where no run is repeated
     noises = last.noises | {joint: last.by_bin[joint].noise}
     bare, best = search.fits.solved(rest, noises, beside=added), None
-    usual = _gain(bare, search.fits.solved(added, noises, beside=added), _terms(there))
+    usual = _gain(bare, last, _terms(there))
     if not is_unexplained and _best(bare, joint)[1] <= usual + DECISIVE:
         return None
     for on in (last, bare) if there and is_unexplained else (bare,):
@@ -65,15 +65,10 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
         total = more + _gain(bare, beside, _terms(staying))
         if best is None or total > best[0]:
             best = total, more, curve, staying, beside
-    if best is None:
+    if best is None or best[0] <= usual + DECISIVE:
         return None
     _, more, curve, staying, before = best
-    terms = [*rest, *_terms(staying), curve]
-    fitted = search.fits.solved(terms, noises, beside=added)  # scores promise more than refits keep
-    freedom = 1.0 + degrees_of_freedom(fitted, fitted.columns_of(len(fitted.model.effects) - 1))
-    if _gain(bare, fitted, _terms(staying), freedom) <= usual + DECISIVE:
-        return None
-    after = search.fits.solved(terms)
+    after = search.fits.solved([*rest, *_terms(staying), curve])
     candidate = _judged(before, after, curve, more, unseen=search.fits.unseen_with(search.added))
     unseen = [bins for bins in search.fits.unseen_with(search.added) if bins.joint == joint]
     if candidate.fault is not None or (unseen and rmse_of(after, unseen)[0] > rmse_of(last, unseen)[0]):
@@ -89,12 +84,10 @@ def _terms(items: Iterable[EvaluatedCandidate]) -> list[EffectTerm]:
     return [item.trial.added for item in items]
 
 
-def _gain(without: Fit, fitted: Fit, terms: Sequence[EffectTerm], freedom: float = 0.0) -> float:
+def _gain(without: Fit, fitted: Fit, terms: Sequence[EffectTerm]) -> float:
     """Evidence of several effects at once: by how much they lower the square, less what parameters gain by chance."""
     count = max(without.size - without.rank, 1)
-    width = freedom + sum(
-        len(term.effect.parameters(without.model.robot, term.number)) + len(term.shape) for term in terms
-    )
+    width = sum(len(term.effect.parameters(without.model.robot, term.number)) + len(term.shape) for term in terms)
     runs = sum(len(row.bins.runs) for row in without.joints) / len(without.joints)
     return count * float(np.log(without.square / fitted.square)) - width * float(np.log(max(runs, 2.0)))
 

@@ -12,7 +12,7 @@ from pumaid.errors import ModelError, Where
 from pumaid.estimate import NOT_IDENTIFIABLE, Value
 from pumaid.estimation.covariance import interval
 from pumaid.estimation.fit import Fit, Projector
-from pumaid.maths import Counts, Floats
+from pumaid.maths import Floats
 from pumaid.robot import SHAPE_WORDS
 
 #: Of, odd and times of the curves that are tried where a choice leaves these open: even and odd in position and time,
@@ -91,11 +91,6 @@ def informed(projector: Projector, curve: EffectTerm) -> tuple[Floats, Floats, F
     return scores, information[0], prior, np.linalg.solve(information[0] + np.diag(prior), scores.sum(axis=0))
 
 
-def degrees_of_freedom(fitted: Fit, numbers: Counts) -> float:
-    """How many of some parameters of a fit, by number, the data and not their priors tell."""
-    return float(np.sum(1.0 - fitted.prior[numbers] ** 2 * np.diag(fitted.inverse)[numbers]))
-
-
 def curve_values(fitted: Fit, covariance: Floats) -> Iterator[Value]:
     """Of each curve of a model its RMS (A) over the runs that were fitted, and its effective degrees of freedom.
 
@@ -117,5 +112,5 @@ def curve_values(fitted: Fit, covariance: Floats) -> Iterator[Value]:
         slope = design.T @ (weight * drawn) / max(rms, 1e-300)
         error = float(np.sqrt(max(slope @ covariance[np.ix_(numbers, numbers)] @ slope, 0.0)))
         yield replace(bare, value=rms, std_error=error, ci95=interval(rms, error, np.inf), dof=float("inf"))
-        freedom = degrees_of_freedom(fitted, numbers)
+        freedom = float(np.sum(1.0 - fitted.prior[numbers] ** 2 * np.diag(fitted.inverse)[numbers]))
         yield Value(f"{name}edf{term.mark}", f"edf{term.number}{term.mark}", term.joint, "1", value=freedom)

@@ -11,6 +11,7 @@ from pumaid.estimation.fit import Fit, Row, design_of, plausible, with_loads
 from pumaid.estimation.noise import NoiseModel, estimate, excess, inside_runs
 from pumaid.joint_bins import JointBins
 from pumaid.maths import (
+    BETTER,
     LARGEST_RATIO,
     RATIO_SPREAD,
     USUAL_RATIO,
@@ -18,11 +19,12 @@ from pumaid.maths import (
     Counts,
     Floats,
     Gains,
+    JointSolution,
     Recursion,
     fit_bilinear,
     least_squares,
-    linearised,
     ratio_spread,
+    restarted,
 )
 from pumaid.model import INERTIA, Model
 
@@ -85,8 +87,7 @@ def fit_bins(
     for n in np.flatnonzero(is_open).tolist():
         absorbed[n] = [(row + 1, root + 1) for row, root in paper.redundant if row == paper.owners[n]]
     system, prior = system_of(rows, noises, owners), np.append(priors(model, limit), np.zeros(len(paper.gains.edges)))
-    reach, small = reach_of(limit, prior), system.condensed()
-    solution = linearised(system, paper.values, paper.gains, limit=reach, prior=prior, small=small)
+    solution = fit_bilinear(system, paper.values, paper.gains, limit=reach_of(limit, prior), most_steps=0)
     first = Fit(model, rows, assigned, noises, tuple(weak), system, solution, prior, limit, absorbed=absorbed)
     fitted = replace(first, first=first, absorbed={})
     if recursive:
@@ -182,24 +183,41 @@ def _refined(fitted: Fit) -> Fit:
     noises = fitted.noises
     inside = {row.joint: row.noise(row.slow, freedoms=noises[row.joint].freedoms) for row in fitted.rows}
 
-    def solved(fitted: Fit, noises: dict[int, NoiseModel]) -> Fit:
+    def with_prior(fitted: Fit, noises: Mapping[int, NoiseModel]) -> Fit:
         system = system_of(fitted.rows, noises, fitted.system.owners)
         prior = np.append(weights, 1.0 / ratio_spread(system, fitted.values, fitted.gains))
-        return _solved(replace(fitted, noises=noises, prior=prior), fitted.values, fitted.gains)
+        return replace(fitted, system=system, prior=prior)
 
     fitted = replace(fitted, solution=replace(fitted.solution, values=values, gains=gains))
     if any(noises[joint].sample > ASTRAY * noise.sample for joint, noise in inside.items()):
-        fitted = releveled(replace(solved(fitted, inside), noises=noises))
+        fitted = with_prior(fitted, inside)
+        limit = reach_of(fitted.limit, fitted.prior)
+        values, gains = restarted(fitted.system, values, gains, limit=limit, prior=fitted.prior)
+        fitted = releveled(replace(fitted, solution=replace(fitted.solution, values=values, gains=gains)))
     for _ in range(ROUNDS):  # what ratios show, and so need no prior for, the recursion may not have seen
-        fitted = releveled(solved(fitted, fitted.noises))
-    return solved(fitted, fitted.noises)
+        fitted = with_prior(fitted, fitted.noises)
+        fitted = releveled(_solved(fitted, fitted.values, fitted.gains))
+    fitted = with_prior(fitted, fitted.noises)
+    return _solved(fitted, fitted.values, fitted.gains)
 
 
 def _solved(fitted: Fit, values: Floats, gains: Gains) -> Fit:
-    """The fit of its own model, with its own noise and prior, from these parameters and ratios."""
+    """The fit of its own model, with its own noise and prior, from these parameters and ratios or, where that meets the
+    data decidedly better, from the recursion's: ratios bent by what a model lacked lead downhill to a wrong minimum.
+    """
     system = system_of(fitted.rows, fitted.noises, owners_of(fitted.model, fitted.assigned))
-    limit = reach_of(fitted.limit, fitted.prior)
-    return replace(fitted, system=system, solution=fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior))
+    limit, start = reach_of(fitted.limit, fitted.prior), _start(fitted, system)
+    solution = fit_bilinear(system, values, gains, limit=limit, prior=fitted.prior)
+
+    def square(at: Recursion | JointSolution) -> float:
+        held = fitted.prior[: len(at.values)] * at.values
+        return float(np.sum(system.left(at.values, at.gains) ** 2) + held @ held)
+
+    is_carried = any(term.is_carried for term in fitted.model.effects)
+    if start.gains.parent == gains.parent and (is_carried or square(start) < BETTER * square(solution)):
+        other = fit_bilinear(system, start.values, start.gains, limit=limit, prior=fitted.prior)
+        solution = min(solution, other, key=square)
+    return replace(fitted, system=system, solution=solution)
 
 
 def refit(
