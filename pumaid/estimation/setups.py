@@ -26,7 +26,7 @@ from pumaid.units import number
 MOST_BINS, FALLS, FALLS_FAR, RISES, RISES_FAR = 800, 0.5, 0.3, 1.05, 1.25
 #: Bins that are enough for a search of a direction or scale.
 SEARCHED = 200
-#: Share of a joint's error from which a setup leaves it as it is.
+#: Share of a joint's error from which a setup is taken to leave it as it is.
 SAME = 0.9
 #: Share of a missed joint's error to which currents without weight must bring it: inertia shows weight faintly.
 FALLS_WEIGHTLESS = 0.7
@@ -158,7 +158,7 @@ class Setups:
             )
             falls = FALLS_WEIGHTLESS if setup.kind == WEIGHTLESS else FALLS if is_lax else FALLS_FAR
             rises = RISES if setup.kind == TURNED else RISES_FAR
-            # A joint that a setup leaves as it is, says nothing of it.
+            # A joint whose error a setup leaves as it is says nothing of it: other physics may be missing there.
             is_at_least &= all(after[joint] < RISES * bent[joint] for joint in judged if ratios[joint] < SAME)
             if best and ratios[best] < falls and max(ratios.values()) < rises and is_at_least:
                 more = 2.0 * self.files * np.log(self.runs) / self.runs if setup.by_file else 0.0

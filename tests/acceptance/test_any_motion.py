@@ -130,7 +130,8 @@ def test_a_joint_turned_round_is_told_beside_a_spring_of_another():
     wanted, signs = picks(np.random.default_rng(43), 60.0, reach(truth.robot)), [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
     log = recorded(truth, wanted, np.random.default_rng(44), counts=2e4)
     dataset = segment([replace(log, position=log.position * signs, velocity=None)], truth.robot)
-    assert identify(dataset, truth.robot).notes[0].slug == "position-reversed"
+    first = identify(dataset, truth.robot).notes[0]
+    assert (first.slug, first.where.joint) == ("position-reversed", 2)
 
 
 def test_currents_that_lag_are_named_so_at_the_joints_that_show_it():
