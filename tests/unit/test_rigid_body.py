@@ -24,6 +24,7 @@ EXACT = 1e-12
 
 def engine(robot: Robot, rng: np.random.Generator) -> tuple[pin.Model, np.ndarray]:
     """The arm with random bodies and rotors, and its parameters (11 J,) in the order of `PARAMETERS`."""
+    pin.seed(int(rng.spawn(1)[0].integers(2**31)))
     bodies, rotors = [pin.Inertia.Random() for _ in robot.joints], rng.uniform(0.1, 1.0, robot.n_joints)
     model = engines.pinocchio_model(robot, bodies)
     model.armature = rotors
