@@ -1,5 +1,6 @@
 """A wheel works where there is no checkout: recipes, presets, templates and scripts are in it."""
 
+import json
 import os
 import subprocess
 import sys
@@ -37,8 +38,13 @@ def printed(folder: Path, *words: str) -> str:
 def test_a_wheel_tells_the_whole_story_in_an_empty_folder(installed):
     """The demo makes a recipe, plans, simulates, identifies, diagnoses and reports; an export and a preset follow."""
     assert str(installed.parent) in printed(installed, "-c", "import pumaid; print(pumaid.__file__)")
-    told = printed(installed, "-m", "pumaid", "demo", "tale", "--robot", "pendulum2", "--seed", "1")
-    assert "What was hidden: ripple@2" in told
+    words = ("demo", "tale", "--robot", "pendulum2", "--seed", "1", "--json")
+    told = json.loads(printed(installed, "-m", "pumaid", *words))
+    assert (told["kind"], told["format"]) == ("demo", 1)
+    lines = [step["command"].split()[1] for step in told["steps"]]
+    assert lines == ["init", "plan", "simulate", "identify", "compare", "diagnose", "report"]
+    assert all(step["told"] for step in told["steps"])
+    assert (told["hidden"], told["named"]) == ("ripple@2", ["ripple@2"])
     assert (installed / "tale" / "results" / "report.html").stat().st_size > 100_000
     printed(installed, "-m", "pumaid", "export", "tale/results/model.json", "--format", "c", "-o", "tale/model.c")
     assert "preset: feetech-sts" in printed(
