@@ -21,7 +21,6 @@ from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
     ADEQUATE,
-    CAUSES,
     DOUBTFUL,
     MISSING,
     STAND_IN,
@@ -35,6 +34,7 @@ from pumaid.diagnosis.records import (
     Line,
     Size,
     Unexplained,
+    causes_in,
 )
 from pumaid.diagnosis.score_test import (
     DECISIVE,
@@ -578,13 +578,12 @@ def diagnose(
     text = f"the logs have {clocks} clocks, each starting anew: effects of time but payloads are judged within one only"
     several = [Note("several-clocks", text)] * (clocks > 1)
     fits = {fit.joint: fit for fit in estimate.joints if is_fitted_to(estimate, dataset)}
-    causes = sorted((note for note in estimate.notes if note.slug in CAUSES), key=lambda note: CAUSES.index(note.slug))
     return Diagnosis(
         robot=robot.name,
         joints=tuple(builder.joint(joint.number, fits.get(joint.number)) for joint in robot.joints),
         findings=builder.findings(),
         model={"sha256": model_digest(estimate)},
         logs={facts.name: facts.digest for facts in dataset.files},
-        notes=(*causes, *builder.late, *held_out_otherwise(estimate, dataset), *several),
+        notes=(*causes_in(estimate.notes), *builder.late, *held_out_otherwise(estimate, dataset), *several),
         recipe={"sha256": robot.digest},
     )

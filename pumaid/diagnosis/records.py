@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -36,6 +36,11 @@ CAUSES = (
     "logs-disagree",
     *("sign-lost", "velocity-unrelated", "units-disagree", "joints-swapped", "offset-odd"),
 )
+
+
+def causes_in(notes: Iterable[Note]) -> list[Note]:
+    """The likelier causes among some notes, the likeliest first."""
+    return sorted((note for note in notes if note.slug in CAUSES), key=lambda note: CAUSES.index(note.slug))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ from pumaid.diagnosis.records import (
     ABSENT,
     ADD,
     ADEQUATE,
-    CAUSES,
     STAND_IN,
     UNEXPLAINED_JOINT,
     UNSEEN,
@@ -17,6 +16,7 @@ from pumaid.diagnosis.records import (
     Finding,
     JointDiagnosis,
     Unexplained,
+    causes_in,
 )
 from pumaid.effects import Scope, catalogue
 from pumaid.effects.curve import spoken_form
@@ -228,8 +228,8 @@ def headline(diagnosis: Diagnosis, robot: Robot) -> str:
     if not parts and other:
         parts.append(f"something is missing at {listed([f'joint {joint}' for joint in other])}")
     verdict = "; ".join(parts) or "nothing is missing that these data can show"
-    causes = [note.text for note in diagnosis.notes if note.slug in CAUSES]
-    first = f"before any physics, {causes[0]}. As logs and recipe stand, " if causes else ""
+    causes = causes_in(diagnosis.notes)
+    first = f"before any physics, {causes[0].text}. As logs and recipe stand, " if causes else ""
     return f"{robot.name}: {first}{verdict}."
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from pumaid import __version__
-from pumaid.diagnosis.records import Finding, JointDiagnosis
+from pumaid.diagnosis.records import Finding, JointDiagnosis, causes_in
 from pumaid.effects import catalogue
 from pumaid.reporting import tables, text
 from pumaid.reporting.diagnosis import diagnosis_blocks, finding_table, headline
@@ -64,16 +64,15 @@ class Section:
     content: Callable[[ReportContext], Content | None]
 
 
-#: Notes on what the model does not explain, which the first screen says where there is no diagnosis.
-MISFITS = ("model-misses", "logs-disagree")
-
 # Sections of every report
 
 
 def summary(context: ReportContext) -> Content:
     """The page's first screen."""
     scores, path = context.comparison.joints, context.ladder.path if context.ladder else ()
-    doubts = [f"{note.text[:1].upper()}{note.text[1:]}." for note in context.estimate.notes if note.slug in MISFITS]
+    notes = context.estimate.notes
+    misfits = [*causes_in(notes), *(note for note in notes if note.slug == "model-misses")]
+    doubts = [f"{note.text[:1].upper()}{note.text[1:]}." for note in misfits]
     return {
         "sentences": [
             *([headline(context.diagnosis, context.robot)] if context.diagnosis else doubts),
