@@ -33,7 +33,7 @@ FALLS_WEIGHTLESS = 0.7
 #: Multiple of the least error of a missed joint under any setup that one which explains it may leave.
 AT_LEAST = 1.5
 #: Kinds of setups.
-TURNED, ORDERED, LOADED = "position-reversed", "order-wrong", "loads-differ"
+TURNED, ORDERED, SWAPPED, LOADED = "position-reversed", "order-wrong", "joints-swapped", "loads-differ"
 MOUNTED, WEIGHTLESS, SCALED = "gravity-wrong", "weight-missing", "scale-wrong"
 #: What a note on each says and what to do; and its few words beside another.
 TEXTS = {
@@ -41,6 +41,8 @@ TEXTS = {
     " log.signs.position and the signs in the DH table",
     ORDERED: "columns of the logs seem to be in another order{beside}: with joints {order} in the columns of 1, 2 and"
     " so on, {falls}. Give each joint its own column in the recipe's log block",
+    SWAPPED: "currents of joints {swapped} seem to have changed places{beside}: put right, {falls}. Give each joint its"
+    " own current in the recipe's log block",
     MOUNTED: "the arm seems to be mounted otherwise than the recipe says{beside}: with gravity along {gravity} of the"
     " base{opposite}, {falls}. Check gravity, and alpha and zero of the first joint",
     WEIGHTLESS: "gravity seems to be taken out of these currents already{beside}: without weight, {falls}, though"
@@ -52,6 +54,7 @@ TEXTS = {
 }
 BESIDE = {TURNED: "a joint turned round", ORDERED: "another order of joints", LOADED: "another load in some files"}
 BESIDE |= {MOUNTED: "another mounting", WEIGHTLESS: "gravity taken out", SCALED: "another unit of positions"}
+BESIDE |= {SWAPPED: "two currents changed places"}
 #: Share of a joint's current below which it shows no weight.
 NO_WEIGHT = 0.02
 #: rad; a base tilted by less is the effect `tilt`. Most directions of gravity that are tried, and the first step (rad).
@@ -71,13 +74,15 @@ WEIGHT, OBLIQUE = 4, (3.0, 5.0, 8.0)
 class Setup:
     """Another meaning of recipe and logs: its `kind`, and what it is of joints, in words or numbers.
 
-    Positions are multiplied by `factors` (J,); `order` (J,) says which logged joint (from 0) is joint 1, 2 ...;
-    `gravity` is in axes of the base (m/s2); with `by_file` the last link carries another load in each file.
+    Positions are multiplied by `factors` (J,); `order` (J,) says which logged joint (from 0) is joint 1, 2 ..., and
+    `currents` (J,) whose logged current is theirs; `gravity` is in axes of the base (m/s2); with `by_file` the last
+    link carries another load in each file.
     """
 
     kind: str
     factors: tuple[float, ...]
     order: tuple[int, ...]
+    currents: tuple[int, ...]
     gravity: tuple[float, float, float]
     by_file: bool = False
 
@@ -112,7 +117,7 @@ class Setups:
         n, self.moves = self.robot.n_joints, any(row.bins.accelerates.any() for row in fitted.joints)
         self.body = _body(self.robot, self.moves)
         self.cells = tuple(_chosen(fitted, row.bins.joint, most) for row in fitted.joints)
-        self.now = Setup("as it is", (1.0,) * n, tuple(range(n)), self.robot.gravity)
+        self.now = Setup("as it is", (1.0,) * n, tuple(range(n)), tuple(range(n)), self.robot.gravity)
         self.before = self.left(self.now)
         #: Files beyond the first, and runs a joint: four parameters a file cost as much as Schwarz's criterion says.
         self.files = max(int(cells.file.max(initial=0)) for cells in self.cells)
@@ -123,7 +128,7 @@ class Setups:
         return {cells.joint: _rest(cells, self._columns(cells, setup)) for cells in self.cells}
 
     def _columns(self, cells: _Chosen, setup: Setup) -> Floats:
-        place, order = setup.order.index(cells.joint - 1), list(setup.order)
+        place, order = setup.currents.index(cells.joint - 1), list(setup.order)
         factors = np.array(setup.factors)[:, None]
         q, v, a = ((factors * part)[order] for part in cells.motion)
         body = replace(self.body, robot=replace(self.robot, gravity=setup.gravity))
@@ -131,7 +136,10 @@ class Setups:
         if setup.by_file:
             tip = columns[:, -len(body.counted[-1]) :][:, :WEIGHT]
             columns = np.hstack([columns, *(tip * (cells.file == k)[:, None] for k in np.unique(cells.file)[1:])])
-        return columns
+        if order[place] == cells.joint - 1:
+            return np.hstack([cells.beside, columns])
+        speed = cells.motion[1][order[place]]
+        return np.column_stack([np.ones_like(speed), np.sign(speed), speed, columns])
 
     def explanations(self, is_odd: bool = False) -> list[Explanation]:
         """Setups under which a missed joint's error falls far and no joint's rises; the best first.
@@ -142,22 +150,21 @@ class Setups:
         setups = (*self._reread(), *thin._mounted(), *thin._scaled())
         errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
         least = {joint: min(after[joint] for after in errors) for joint in self.before}
-        bent = {
-            cells.joint: _rest(cells, np.hstack([self._columns(cells, self.now), _bent(cells)])) for cells in self.cells
-        }
+        bent = {x.joint: _rest(x, np.hstack([self._columns(x, self.now), _bent(x)])) for x in self.cells}
         for setup, after in zip(setups, errors, strict=True):
             ratios = {joint: after[joint] / self.before[joint] for joint in after if self.before[joint] > 0.0}
             judged = [joint for joint in self.missed if joint in ratios]
             best = min(judged, key=lambda joint: ratios[joint], default=0)
-            is_at_least = setup.kind == TURNED or all(after[joint] <= AT_LEAST * least[joint] for joint in judged)
+            is_reread = setup.kind in (TURNED, SWAPPED)
+            is_at_least = is_reread or all(after[joint] <= AT_LEAST * least[joint] for joint in judged)
             # Another mounting that lowers the error of all joints is no physics that one of them lacks.
             is_lax = (
-                setup.kind == TURNED
+                is_reread
                 or (is_odd and bool(self.units(setup)))
                 or (setup.kind == MOUNTED and len(ratios) > 1 and max(ratios.values()) < 1.0)
             )
             falls = FALLS_WEIGHTLESS if setup.kind == WEIGHTLESS else FALLS if is_lax else FALLS_FAR
-            rises = RISES if setup.kind == TURNED else RISES_FAR
+            rises = RISES if is_reread else RISES_FAR
             # A joint whose error a setup leaves as it is says nothing of it: other physics may be missing there.
             is_at_least &= all(after[joint] < RISES * bent[joint] for joint in judged if ratios[joint] < SAME)
             if best and ratios[best] < falls and max(ratios.values()) < rises and is_at_least:
@@ -174,9 +181,7 @@ class Setups:
         return float(np.mean([np.log(max(after[k], 1e-12) / max(self.before[k], 1e-12)) for k in after]))
 
     def _reread(self) -> Iterator[Setup]:
-        """A joint turned round; joints in the order of their names, from tip to base, or two of them changed places;
-        another load in each file.
-        """
+        """A joint turned round; joints, or currents alone, in other orders; another load in each file."""
         n, joints = self.robot.n_joints, self.robot.joints
         for factors in (1.0 - 2.0 * np.eye(n)).tolist():
             yield replace(self.now, kind=TURNED, factors=tuple(factors))
@@ -188,7 +193,9 @@ class Setups:
         ]
         for order in dict.fromkeys(orders):
             if order != self.now.order and all(joints[k].kind == joints[place].kind for place, k in enumerate(order)):
-                yield replace(self.now, kind=ORDERED, order=order)
+                yield replace(self.now, kind=ORDERED, order=order, currents=order)
+            if order in orders[2:]:
+                yield replace(self.now, kind=SWAPPED, currents=order)
         if self.files:
             yield replace(self.now, kind=LOADED, by_file=True)
 
@@ -202,23 +209,14 @@ class Setups:
             return replace(self.now, kind=MOUNTED, gravity=(x, y, z))
 
         # What a joint is asked for is affine in gravity.
-        columns = [
-            [
-                self._columns(x, replace(self.now, gravity=end))
-                for end in ((0.0, 0.0, 0.0), *(size * np.eye(3)).tolist())
-            ]
-            for x in self.cells
-        ]
+        ends = [replace(self.now, gravity=end) for end in ((0.0, 0.0, 0.0), *(size * np.eye(3)).tolist())]
+        columns = [[self._columns(cells, end) for end in ends] for cells in self.cells]
 
         def cost(down: Floats) -> float:
             x, y, z = down / np.linalg.norm(down)
             shares = (1.0 - x - y - z, x, y, z)
-            return self._cost(
-                {
-                    cells.joint: _rest(cells, np.tensordot(shares, parts, 1))
-                    for cells, parts in zip(self.cells, columns, strict=True)
-                }
-            )
+            pairs = zip(self.cells, columns, strict=True)
+            return self._cost({cells.joint: _rest(cells, np.tensordot(shares, part, 1)) for cells, part in pairs})
 
         near = min(np.vstack([np.eye(3), -np.eye(3)] if self.moves else [np.eye(3)]), key=cost)
         start = min(near, np.array(self.robot.gravity) / size, key=cost)
@@ -265,6 +263,7 @@ def of_setups(fitted: Fit, missed: Sequence[int], *, is_odd: bool = False) -> li
         beside=f" (or {listed(rivals, separator=', or ')})" if rivals else "",
         falls=f"the error left at joint {best.missed} falls from {number(best.now)} to {number(best.then)} A",
         order=", ".join(str(k + 1) for k in np.argsort(setup.order)),
+        swapped=" and ".join(str(k + 1) for k, logged in enumerate(setup.currents) if logged != k),
         gravity=[round(part, 2) + 0.0 for part in setup.gravity],
         opposite="" if setups.moves else " or the other way",
         scale=number(scale, 3),
@@ -350,7 +349,7 @@ def _bent(cells: _Chosen) -> Floats:
 
 
 def _rest(cells: _Chosen, columns: Floats) -> float:
-    design = np.hstack([cells.beside, columns]) * cells.weight[:, None]
+    design = columns * cells.weight[:, None]
     size = np.linalg.norm(design, axis=0)
     is_there = size > 1e-9 * size.max(initial=0.0)
     design, wanted = design[:, is_there] / size[is_there], cells.current * cells.weight

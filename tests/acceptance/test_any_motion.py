@@ -178,13 +178,16 @@ def test_a_length_that_motion_contradicts_is_told_with_what_fits():
     assert abs(fits - true) < max(4.0 * error, 0.005) and error < 0.008
 
 
-def test_positions_that_are_counted_the_other_way_are_told_first():
-    """The sign of one column is wrong: the note before all that the model misses says which; a clock is none."""
+def test_columns_of_another_sign_or_joint_are_told_first():
+    """The note before all that the model misses says which sign is wrong, or which currents; a clock is none."""
     truth, log = worked("puma560", "picks", 31)
     position = log.position * np.where(np.arange(6) == 2, -1.0, 1.0)
     notes = identify(segment([replace(log, position=position)], truth.robot), truth.robot).notes
     assert notes[0].slug == "position-reversed" and notes[0].where.joint == 3
     assert [note.slug for note in notes].count("position-reversed") == 1
+    swapped = segment([replace(log, current=log.current[:, [0, 2, 1, 3, 4, 5]])], truth.robot)
+    first = identify(swapped, truth.robot).notes[0]
+    assert first.slug == "joints-swapped" and "joints 2 and 3" in first.text
 
 
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
