@@ -148,28 +148,26 @@ class Setups:
         """
         thin = Setups(self.fitted, self.missed, most=SEARCHED)
         setups = (*self._reread(), *thin._mounted(), *thin._scaled())
-        errors, out = [self.left(setup) for setup in setups], list[tuple[float, Explanation]]()
-        least = {joint: min(after[joint] for after in errors) for joint in self.before}
+        errors, out = ((setup, self.left(setup)) for setup in setups), list[tuple[float, Explanation]]()
+        # What raises a joint's error far explains no other joint.
+        fair = [(x, after) for x, after in errors if all(after[k] <= RISES_FAR * y for k, y in self.before.items())]
+        least = {joint: min((after[joint] for _, after in fair), default=0.0) for joint in self.before}
         bent = {x.joint: _rest(x, np.hstack([self._columns(x, self.now), _bent(x)])) for x in self.cells}
-        for setup, after in zip(setups, errors, strict=True):
+        for setup, after in fair:
             ratios = {joint: after[joint] / self.before[joint] for joint in after if self.before[joint] > 0.0}
             judged = [joint for joint in self.missed if joint in ratios]
             best = min(judged, key=lambda joint: ratios[joint], default=0)
-            is_reread = setup.kind in (TURNED, SWAPPED)
-            is_at_least = is_reread or all(after[joint] <= AT_LEAST * least[joint] for joint in judged)
-            # Another mounting that lowers the error of all joints is no physics that one of them lacks.
-            is_lax = (
-                is_reread
-                or (is_odd and bool(self.units(setup)))
-                or (setup.kind == MOUNTED and len(ratios) > 1 and max(ratios.values()) < 1.0)
-            )
+            is_reread, raises_none = setup.kind in (TURNED, SWAPPED), max(ratios.values(), default=1.0) < RISES
+            is_best = raises_none if is_reread else all(after[k] <= AT_LEAST * least[k] for k in judged)
+            # Another mounting that raises no joint's error is no physics that one of them lacks.
+            is_mounted = setup.kind == MOUNTED and raises_none and len(ratios) > 1
+            is_lax = is_reread or is_mounted or (is_odd and bool(self.units(setup)))
             falls = FALLS_WEIGHTLESS if setup.kind == WEIGHTLESS else FALLS if is_lax else FALLS_FAR
-            rises = RISES if is_reread else RISES_FAR
             # A joint whose error a setup leaves as it is says nothing of it: other physics may be missing there.
-            is_at_least &= all(after[joint] < RISES * bent[joint] for joint in judged if ratios[joint] < SAME)
-            if best and ratios[best] < falls and max(ratios.values()) < rises and is_at_least:
-                more = 2.0 * self.files * np.log(self.runs) / self.runs if setup.by_file else 0.0
-                out.append((self._cost(after) + more, Explanation(setup, best, self.before[best], after[best])))
+            is_best &= float(np.prod([after[k] / bent[k] for k in judged if ratios[k] < SAME])) < RISES
+            if best and ratios[best] < falls and is_best:
+                cost = self._cost(after) + setup.by_file * 2.0 * self.files * np.log(self.runs) / self.runs
+                out.append((cost, Explanation(setup, best, self.before[best], after[best])))
         return [item for _, item in sorted(out, key=lambda pair: pair[0])]
 
     def units(self, setup: Setup) -> list[str]:
@@ -215,8 +213,9 @@ class Setups:
         def cost(down: Floats) -> float:
             x, y, z = down / np.linalg.norm(down)
             shares = (1.0 - x - y - z, x, y, z)
-            pairs = zip(self.cells, columns, strict=True)
-            return self._cost({cells.joint: _rest(cells, np.tensordot(shares, part, 1)) for cells, part in pairs})
+            return self._cost(
+                {x.joint: _rest(x, np.tensordot(shares, part, 1)) for x, part in zip(self.cells, columns, strict=True)}
+            )
 
         near = min(np.vstack([np.eye(3), -np.eye(3)] if self.moves else [np.eye(3)]), key=cost)
         start = min(near, np.array(self.robot.gravity) / size, key=cost)

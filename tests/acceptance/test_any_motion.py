@@ -124,14 +124,16 @@ def test_a_payload_of_one_recording_is_named_at_its_start():
     assert finding.effect == "payload" and finding.shape["time"] == pytest.approx(40.0, abs=1.0)
 
 
-def test_a_joint_turned_round_is_told_beside_a_spring_of_another():
-    """The spring of joint 1, which turning joint 2 leaves as it is, does not speak against that."""
+def test_another_setup_is_told_beside_a_spring():
+    """The spring of joint 1, which turning joint 2 or the arm leaves as it is, does not speak against that."""
     truth = draw(read_recipe(shipped_recipes()["puma560"]), 43).hiding([Hidden("spring", 1, {"a": 1.0})])
     wanted, signs = picks(np.random.default_rng(43), 60.0, reach(truth.robot)), [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
     log = recorded(truth, wanted, np.random.default_rng(44), counts=2e4)
     dataset = segment([replace(log, position=log.position * signs, velocity=None)], truth.robot)
     first = identify(dataset, truth.robot).notes[0]
     assert (first.slug, first.where.joint) == ("position-reversed", 2)
+    hanging = replace(truth.robot, gravity=(0.0, 0.0, 9.80665))
+    assert identify(segment([replace(log, velocity=None)], hanging), hanging).notes[0].slug == "gravity-wrong"
 
 
 def test_currents_that_lag_are_named_so_at_the_joints_that_show_it():
