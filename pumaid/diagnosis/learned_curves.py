@@ -49,7 +49,7 @@ def offer(search: Stepwise, joint: int, *, is_unexplained: bool) -> CurveOffer |
     last = forms[0].on if forms else last  # what has no name passes for noise where no run is repeated
     noises = last.noises | {joint: last.by_bin[joint].noise}
     bare, best = search.fits.solved(rest, noises, beside=added), None
-    usual = _gain(bare, last, _terms(there))
+    usual = _gain(bare, search.fits.solved(added, noises, beside=added), _terms(there))
     if not is_unexplained and _best(bare, joint)[1] <= usual + DECISIVE:
         return None
     for on in (last, bare) if there and is_unexplained else (bare,):

@@ -471,7 +471,7 @@ def _spikes(prediction: JointPrediction) -> list[float]:
     # Third differences leave nothing of a load's course, and of independent noise 20 times its variance.
     squares = [np.diff(residual[n], n=3) ** 2 / 20.0 + inside[n][3:] for n in long]
     usual, mean = (np.array([part(values) for values in squares]) for part in (np.median, np.mean))
-    is_noisy = usual > 0.0
+    is_noisy = usual > 1e-7 * mean  # else values are held
     if np.count_nonzero(is_noisy) < FEWEST or np.median(mean[is_noisy] / usual[is_noisy]) <= SPIKY:
         return []
     return [float(np.sqrt(np.median(usual[is_noisy]))), float(np.sqrt(mean[is_noisy].mean()))]

@@ -57,7 +57,7 @@ def test_inertia_is_the_engines(name):
     np.testing.assert_allclose(np.ptp(offsets, axis=0), 0.0, atol=1e-6)  # a constant load is Coulomb friction's
 
 
-@pytest.mark.parametrize(("name", "kind"), [("puma560", "fourier"), ("stanford", "picks")])
+@pytest.mark.parametrize(("name", "kind"), [("puma560", "fourier"), ("pendulum2", "picks")])
 def test_limits_are_kept_between_knots(name, kind, monkeypatch):
     """A thousand times a second positions, and their differences, are within what the recipe allows."""
     monkeypatch.setattr(motion, "TRIED", 10)
