@@ -148,7 +148,7 @@ class Setups:
         """
         thin = Setups(self.fitted, self.missed, most=SEARCHED)
         setups = (*self._reread(), *thin._mounted(), *thin._scaled())
-        errors, out = ((setup, self.left(setup)) for setup in setups), list[tuple[float, Explanation]]()
+        errors, out = ((setup, self.left(setup)) for setup in setups), list[tuple[bool, float, Explanation]]()
         # What raises a joint's error far explains no other joint.
         fair = [(x, after) for x, after in errors if all(after[k] <= RISES_FAR * y for k, y in self.before.items())]
         least = {joint: min((after[joint] for _, after in fair), default=0.0) for joint in self.before}
@@ -157,18 +157,19 @@ class Setups:
             ratios = {joint: after[joint] / self.before[joint] for joint in after if self.before[joint] > 0.0}
             judged = [joint for joint in self.missed if joint in ratios]
             best = min(judged, key=lambda joint: ratios[joint], default=0)
-            is_reread, raises_none = setup.kind in (TURNED, SWAPPED), max(ratios.values(), default=1.0) < RISES
-            is_best = raises_none if is_reread else all(after[k] <= AT_LEAST * least[k] for k in judged)
+            is_reread, raises = setup.kind in (TURNED, SWAPPED), max(ratios.values(), default=1.0) >= RISES
+            is_best = is_reread or all(after[k] <= AT_LEAST * least[k] for k in judged)
             # Another mounting that raises no joint's error is no physics that one of them lacks.
-            is_mounted = setup.kind == MOUNTED and raises_none and len(ratios) > 1
+            is_mounted = setup.kind == MOUNTED and not raises and len(ratios) > 1
             is_lax = is_reread or is_mounted or (is_odd and bool(self.units(setup)))
             falls = FALLS_WEIGHTLESS if setup.kind == WEIGHTLESS else FALLS if is_lax else FALLS_FAR
             # A joint whose error a setup leaves as it is says nothing of it: other physics may be missing there.
             is_best &= float(np.prod([after[k] / bent[k] for k in judged if ratios[k] < SAME])) < RISES
             if best and ratios[best] < falls and is_best:
                 cost = self._cost(after) + setup.by_file * 2.0 * self.files * np.log(self.runs) / self.runs
-                out.append((cost, Explanation(setup, best, self.before[best], after[best])))
-        return [item for _, item in sorted(out, key=lambda pair: pair[0])]
+                out.append((is_reread and raises, cost, Explanation(setup, best, self.before[best], after[best])))
+        # What raises a joint's error a little explains nothing alone, but may be another reading of what does.
+        return [x for _, _, x in sorted(out, key=lambda item: item[:2])] if not all(item[0] for item in out) else []
 
     def units(self, setup: Setup) -> list[str]:
         """Words for the recipe by which positions are as much larger."""

@@ -233,6 +233,20 @@ def test_a_tx40s_wrist_is_coupled(scratch, is_geared):
     assert left[6] < 0.4 and left[5] < (0.4 if is_geared else 1.0)
 
 
+def test_columns_of_a_tx40_of_another_sign_or_joint_are_told(scratch):
+    """First of all, with the joint; joints 2 and 3 are parallel, so of these either may be turned round."""
+    place = real.tx40(scratch / "tx40_columns")
+    log = place / "logs" / "tx40.parquet"
+    table = pd.read_parquet(log)
+    assert real.run(place, "identify")[1]["notes"][0]["note"] == "model-misses"
+    table.assign(q2=-table.q2).to_parquet(log)
+    turned = real.run(place, "identify")[1]["notes"][0]
+    table.rename(columns={"i5": "i6", "i6": "i5"}).to_parquet(log)
+    swapped = real.run(place, "identify")[1]["notes"][0]
+    assert turned["note"] == "position-reversed" and "joint 3" in turned["text"] and "(or joint 2)" in turned["text"]
+    assert swapped["note"] == "joints-swapped" and "joints 5 and 6" in swapped["text"]
+
+
 def test_couplings_of_part_of_a_tx40_are_fitted(scratch):
     """Without its first sixth couplings at all joints once went astray: joint 3 was missed by 27 A, now as without."""
     place = real.tx40(scratch / "tx40_part")
