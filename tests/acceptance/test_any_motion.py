@@ -187,8 +187,8 @@ def test_columns_of_another_sign_or_joint_are_told_first():
     notes = identify(segment([replace(log, position=position)], truth.robot), truth.robot).notes
     assert notes[0].slug == "position-reversed" and notes[0].where.joint == 3
     assert [note.slug for note in notes].count("position-reversed") == 1
-    swapped = segment([replace(log, current=log.current[:, [0, 2, 1, 3, 4, 5]])], truth.robot)
-    first = identify(swapped, truth.robot).notes[0]
+    swapped = replace(log, current=log.current[:, [0, 2, 1, 3, 4, 5]])
+    first = identify(segment([swapped], truth.robot), truth.robot).notes[0]
     assert first.slug == "joints-swapped" and "joints 2 and 3" in first.text
 
 

@@ -236,9 +236,7 @@ def test_a_tx40s_wrist_is_coupled(scratch, is_geared):
 def test_columns_of_a_tx40_of_another_sign_or_joint_are_told(scratch):
     """First of all, with the joint; joints 2 and 3 are parallel, so of these either may be turned round."""
     place = real.tx40(scratch / "tx40_columns")
-    log = place / "logs" / "tx40.parquet"
-    table = pd.read_parquet(log)
-    assert real.run(place, "identify")[1]["notes"][0]["note"] == "model-misses"
+    table = pd.read_parquet(log := place / "logs" / "tx40.parquet")
     table.assign(q2=-table.q2).to_parquet(log)
     turned = real.run(place, "identify")[1]["notes"][0]
     table.rename(columns={"i5": "i6", "i6": "i5"}).to_parquet(log)

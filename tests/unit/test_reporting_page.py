@@ -188,12 +188,9 @@ def test_summary_comes_before_tables(context, html):
     assert first.count("<table") == 1 and " → " in first
     assert "Joint 1 (joint 1): the model explains" in first and "noise floor" in first
     assert "0.2 s are missing" in html and "logs/a.csv, row 7" in html and "joint 1 speeds up for 1.0 s" in html
-
-
-def test_without_a_diagnosis_a_likely_cause_comes_before_what_is_missed(context):
+    # Without a diagnosis a likely cause comes before what is missed.
     notes = (Note("model-misses", "joint 1 is missed by 2 A", Where()), Note("order-wrong", "two joints", Where()))
-    undiagnosed = replace(context, diagnosis=None, estimate=replace(context.estimate, notes=notes))
-    first = words_of(undiagnosed, "summary")
+    first = words_of(replace(context, diagnosis=None, estimate=replace(context.estimate, notes=notes)), "summary")
     assert 0 < first.index("Two joints.") < first.index("Joint 1 is missed by 2 A.")
 
 
