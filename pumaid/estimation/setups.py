@@ -261,7 +261,7 @@ def of_setups(fitted: Fit, missed: Sequence[int], *, is_odd: bool = False) -> li
     text = TEXTS[setup.kind].format(
         joint=joint,
         beside=f" (or {listed(rivals, separator=', or ')})" if rivals else "",
-        falls=f"the error left at joint {best.missed} falls from {number(best.now)} to {number(best.then)} A",
+        falls=f"the error of joint {best.missed}, fitted alone, falls from {number(best.now)} to {number(best.then)} A",
         order=", ".join(str(k + 1) for k in np.argsort(setup.order)),
         swapped=" and ".join(str(k + 1) for k, logged in enumerate(setup.currents) if logged != k),
         gravity=[round(part, 2) + 0.0 for part in setup.gravity],
