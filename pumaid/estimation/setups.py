@@ -164,7 +164,7 @@ class Setups:
             is_lax = is_reread or is_mounted or (is_odd and bool(self.units(setup)))
             falls = FALLS_WEIGHTLESS if setup.kind == WEIGHTLESS else FALLS if is_lax else FALLS_FAR
             # A joint whose error a setup leaves as it is says nothing of it: other physics may be missing there.
-            is_best &= float(np.prod([after[k] / bent[k] for k in judged if ratios[k] < SAME])) < RISES
+            is_best &= float(np.prod([after[k] / max(bent[k], 1e-12) for k in judged if ratios[k] < SAME])) < RISES
             if best and ratios[best] < falls and is_best:
                 cost = self._cost(after) + setup.by_file * 2.0 * self.files * np.log(self.runs) / self.runs
                 out.append((is_reread and raises, cost, Explanation(setup, best, self.before[best], after[best])))
