@@ -227,14 +227,6 @@ def diagnose(
     diagnosis, robot = diagnosed(model, experiment, suspect, current=current, is_quiet=is_quiet), experiment.robot
     if is_written:
         write_diagnosis(path, diagnosis)
-    if is_quiet:
-        document(diagnosis_document(diagnosis))
-    else:
-        steps = ladder_of(current) if current is not None and diagnosis.applied else None
-        parts = ["", tables.history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units)
-        show(*parts, unit=text.current_unit(experiment.model(model).notes))
-    if is_written:
-        remark(f"diagnosis written to {path}")
     if picture is not None:
         from pumaid.reporting.figures.model import diagnosis_figure  # waits for matplotlib
 
@@ -245,6 +237,14 @@ def diagnose(
             remark(f"nothing was found that could be drawn: {picture} is not written")
     if plan is not None:
         _write_plan(plan, diagnosis, robot)
+    if is_quiet:
+        document(diagnosis_document(diagnosis))
+    else:
+        steps = ladder_of(current) if current is not None and diagnosis.applied else None
+        parts = ["", tables.history_table(steps)] if steps else None, diagnosis_parts(diagnosis, robot, units=units)
+        show(*parts, unit=text.current_unit(experiment.model(model).notes))
+    if is_written:
+        remark(f"diagnosis written to {path}")
     return check and (bool(diagnosis.findings) or any(joint.verdict != "adequate" for joint in diagnosis.joints))
 
 
